@@ -1,0 +1,42 @@
+# Everything runs from a virtual environment that the first target makes.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# BLAS threads fight the workers for the cores; the matrices here are small.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+
+.PHONY: demo test study bench fuzz fixtures schemas lint clean
+
+demo: $(VENV)/ready
+	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
+
+test: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/python -m pytest
+
+study: $(VENV)/ready
+	$(BIN)/python -m pytest -m study -s
+
+bench: $(VENV)/ready
+	$(BIN)/python -m pytest -m bench -s
+
+fuzz: $(VENV)/ready
+	$(BIN)/python -m pytest -m fuzz -s
+
+fixtures: $(VENV)/ready
+	$(BIN)/python -m tests.make_fixtures fixtures
+
+schemas: $(VENV)/ready
+	$(BIN)/python -m drivetool.files.schema schemas
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+
+$(VENV)/ready: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) demo build *.egg-info

@@ -1,0 +1,128 @@
+"""The drive: a chain of bodies joined by shafts, and the values of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+from drivetool.drive.effects import EFFECTS, Effect
+from drivetool.errors import BadParameters, nearest
+from drivetool.quantity import Quantity
+
+# Where only the sum over all bodies can be told from a record. The viscous sum is shared in
+# proportion to the inertias (every body then decays alike, Tallfors 2005 sec. 5.4); the idle
+# torque is put on the last body, where a rolling mill has most of it.
+TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
+
+DampingLaw = Literal["inside", "always"]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A chain of inertias with what acts on them.
+
+    name         for example two-mass
+    bodies       from the motor outwards; shafts joins neighbours, one fewer than bodies
+    values       parameter name -> value in the units of `unit(name)`; what is missing is
+                 neutral, or unknown if the effect has no neutral value
+    damping_law  "inside": the shaft damping is part of the contact, which then never pulls
+                 (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    shafts: tuple[str, ...]
+    values: Mapping[str, float] = field(default_factory=dict)
+    torque_unit: str = "Nm"
+    motion_unit: str = "rad"
+    damping_law: DampingLaw = "inside"
+
+    @cached_property
+    def quantities(self) -> dict[str, Quantity]:
+        """Every parameter this chain can have, in a fixed order."""
+        found = {}
+        for effect, owner, _ in self.effects():
+            for suffix, quantity in effect.quantities.items():
+                found[f"{owner}.{suffix}"] = quantity
+        for total, suffix in TOTALS.items():
+            found[total] = found[f"{self.bodies[0]}.{suffix}"]
+        return found
+
+    def effects(self) -> Iterator[tuple[Effect, str, int]]:
+        """(effect, owner, index of the owner) for everything that can act here."""
+        for effect in EFFECTS:
+            owners = {"body": self.bodies, "shaft": self.shafts, "path": ("converter",)}[effect.of]
+            for index, owner in enumerate(owners):
+                yield effect, owner, index
+
+    def quantity(self, name: str) -> Quantity:
+        """The kind of a parameter; BadParameters suggests the nearest name."""
+        try:
+            return self.quantities[name]
+        except KeyError:
+            raise BadParameters(
+                f"a parameter of the {self.name} drive", f"'{name}'",
+                nearest(name, self.quantities)) from None
+
+    def unit(self, name: str) -> str:
+        """The unit of a parameter, in words."""
+        return self.quantity(name).unit_for(self.torque_unit, self.motion_unit)
+
+    def value(self, name: str) -> float | None:
+        """The value, the neutral value, or None if it is not known."""
+        return self.values.get(name, self.quantity(name).neutral)
+
+    def with_values(self, values: Mapping[str, float]) -> Drive:
+        """The drive with some values replaced; a total and its parts displace each other."""
+        merged = dict(self.values)
+        for name, value in values.items():
+            low, high = self.quantity(name).bounds
+            if not low <= value <= high:
+                raise BadParameters(
+                    f"{name} between {low:g} and {high:g} {self.unit(name)}",
+                    f"{value:g}", "Correct the value in the parameter file or after --set.")
+        for total, suffix in TOTALS.items():
+            parts = [f"{body}.{suffix}" for body in self.bodies]
+            if total in values:
+                for part in parts:
+                    merged.pop(part, None)
+            elif any(part in values for part in parts):
+                merged.pop(total, None)
+        merged.update(values)
+        order = {name: i for i, name in enumerate(self.quantities)}
+        return replace(self, values={k: merged[k] for k in sorted(merged, key=order.__getitem__)})
+
+    def missing(self) -> list[str]:
+        """Parameters without which the drive cannot be simulated."""
+        return [n for n, q in self.quantities.items()
+                if q.neutral is None and n not in self.values]
+
+    def require(self, names: Iterable[str], why: str) -> None:
+        """Raise BadParameters unless all the names have a value."""
+        lacking = [n for n in names if self.value(n) is None]
+        if lacking:
+            raise BadParameters(
+                f"values of {', '.join(lacking)} for {why}",
+                f"only {', '.join(self.values) or 'no values'}",
+                "Run the step before this one and pass its file with --params, or use --set.")
+
+
+def one_body(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+    """A single rotor or carriage."""
+    return Drive("one-body", ("motor",), (), {}, torque_unit, motion_unit)
+
+
+def two_mass(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+    """Motor, shaft, load."""
+    return Drive("two-mass", ("motor", "load"), ("shaft",), {}, torque_unit, motion_unit)
+
+
+def three_mass(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+    """Motor, gear, arm; the shafts are called shaft and shaft2."""
+    return Drive("three-mass", ("motor", "gear", "arm"), ("shaft", "shaft2"), {},
+                 torque_unit, motion_unit)
+
+
+KNOWN_DRIVES = {"one-body": one_body, "two-mass": two_mass, "three-mass": three_mass}

@@ -1,0 +1,26 @@
+"""Torque converter: the drive's torque follows the logged command with a second-order lag."""
+
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+
+def stamp(assembly, _path):
+    """T'' + 2 zeta w0 T' + w0^2 T = w0^2 u, as two states of the chain, hence exact."""
+    if assembly.acts_on_path("bandwidth"):
+        assembly.second_order_input(
+            assembly.of_path("bandwidth"), assembly.of_path("damping"))
+
+
+EFFECT = Effect(
+    code="converter-lag",
+    of="path",
+    quantities={
+        "bandwidth": Quantity("rad/s", "converter bandwidth", (1e-3, 1e9), 1.0, float("inf")),
+        "damping": Quantity("", "converter damping ratio", (0.05, 20.0), 0.1, 0.69),
+    },
+    stamp=stamp,
+    law="T'' + 2 zeta w0 T' + w0^2 T = w0^2 u",
+    needs="excitation above a third of the converter bandwidth",
+    source="Tallfors 2005, (2.3)",
+    present=("bandwidth",),
+)

@@ -1,0 +1,40 @@
+"""The form in which every physical effect declares itself, once, in its own file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from drivetool.quantity import Quantity
+
+if TYPE_CHECKING:
+    from drivetool.drive.assemble import Assembly
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect of a drive.
+
+    code        name in lists and findings
+    of          what it belongs to: every body, every shaft, or the torque path
+    quantities  parameter suffix -> Quantity; `<owner>.<suffix>` is the parameter's name
+    stamp       adds the law to the equations; called with the assembly and the owner's
+                index (0 for the path)
+    law         the equation, in the words of the field
+    needs       what a record must contain to show it
+    source      literature
+    present     parameters that must differ from neutral for the effect to act; empty
+                if it always acts
+    odd         whether torque(-motion) = -torque(motion)
+    """
+
+    code: str
+    of: Literal["body", "shaft", "path"]
+    quantities: Mapping[str, Quantity]
+    stamp: Callable[[Assembly, int], None]
+    law: str
+    needs: str
+    source: str
+    present: tuple[str, ...] = ()
+    odd: bool = True

@@ -1,0 +1,68 @@
+"""What can go wrong, said once: wanted, found, available, do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Severity = Literal["note", "warning", "failure"]
+
+
+class DriveToolError(Exception):
+    """Base of every error a user may see; the message is one sentence or two.
+
+    wanted     what the step needed
+    found      what there was instead
+    available  names that would have been accepted, if the list helps
+    do         what the reader can do about it
+    """
+
+    def __init__(self, wanted: str, found: str, do: str, available: Iterable[str] = ()):
+        self.wanted, self.found, self.do = wanted, found, do
+        self.available = tuple(available)
+        text = f"wanted {wanted}; found {found}"
+        if self.available:
+            text += f" (available: {', '.join(self.available)})"
+        super().__init__(f"{text}. {do}")
+
+
+class BadRecording(DriveToolError):
+    """A log that cannot be read, or lacks what the step needs."""
+
+
+class BadParameters(DriveToolError):
+    """A parameter file, name or value that cannot be used."""
+
+
+class BadOption(DriveToolError):
+    """Options that do not fit together, or are out of range."""
+
+
+class NotEnoughData(DriveToolError):
+    """The record is readable but holds too little to answer the question."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something a person should know about a recording, a fit or a model.
+
+    code      stable, lower case with hyphens, for scripts
+    text      one sentence for a plant engineer
+    evidence  the numbers behind it, name -> value in SI
+    action    what to do about it; empty if nothing
+    """
+
+    severity: Severity
+    code: str
+    text: str
+    evidence: Mapping[str, float | int | str] = field(default_factory=dict)
+    action: str = ""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The sentence part that suggests a name, or lists what there is."""
+    known = list(known)
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"Did you mean '{close[0]}'?" if close else f"Known are: {', '.join(known)}."

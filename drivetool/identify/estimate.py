@@ -1,0 +1,84 @@
+"""What an estimator returns: the fitted drive with its uncertainty and its story."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+
+Status = Literal["fitted", "held", "at-bound", "not-identifiable"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One line of the result table.
+
+    value, start, std  in `unit`; std and ci95 are None where there is none, and then
+                       `reason` says why
+    """
+
+    name: str
+    value: float
+    unit: str
+    start: float | None = None
+    std: float | None = None
+    ci95: tuple[float, float] | None = None
+    status: Status = "fitted"
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of the fitted parameters: names (k,), matrix (k, k) in their units."""
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """Signals that a picture is drawn from.
+
+    kind    which picture (record, steady, impulse ...); title in words
+    x, y    axis labels with unit
+    curves  label -> (x (n,), y (n,))
+    """
+
+    kind: str
+    title: str
+    x: str
+    y: str
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The outcome of one step.
+
+    step        name of the step (steady, blackbox, greybox, backlash)
+    drive       the drive with the fitted values
+    parameters  one per parameter of the drive that the step knows about
+    outcome     one sentence: how the fit ended
+    fit         named figures (simulation_fit_percent, one_step_fit_percent, rmse, n, ...)
+    noise       sensor_std per output, torque_std, torque_correlation_time ...
+    details     what else the step found, as plain numbers, strings, lists and mappings
+    data        (file name, sha256) per recording
+    """
+
+    step: str
+    drive: Drive
+    parameters: tuple[Parameter, ...]
+    outcome: str
+    fit: Mapping[str, float | int | None]
+    covariance: Covariance | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    details: Mapping[str, object] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    data: tuple[tuple[str, str], ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    exhibits: tuple[Exhibit, ...] = ()

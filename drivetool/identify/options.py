@@ -1,0 +1,30 @@
+"""What a user may ask of an estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Criterion = Literal["innovations", "simulation"]
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of every estimator; each uses what concerns it.
+
+    hold       parameter names that keep their value
+    free       parameter names that are fitted although they would be held
+    criterion  greybox and backlash: innovations (default) or simulation error
+    starts     starting points tried when the problem may have several optima; None: the
+               estimator decides
+    segment    length [s] of the segments with free start states of a simulation-error
+               fit; None: the estimator decides; 0: one free run over each record
+    seed       of everything random
+    """
+
+    hold: tuple[str, ...] = ()
+    free: tuple[str, ...] = ()
+    criterion: Criterion = "innovations"
+    starts: int | None = None
+    segment: float | None = None
+    seed: int = 1

@@ -1,0 +1,107 @@
+"""What an estimator gets: roles on one uniform grid, in SI, immutable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from drivetool.errors import BadRecording, Finding
+
+# role -> dimension; "torque" is Nm, N or A, "angle" rad or m, "speed" rad/s or m/s.
+ROLES: Mapping[str, str] = {
+    "motor_torque": "torque",
+    "motor_speed": "speed",
+    "motor_angle": "angle",
+    "shaft_torque": "torque",
+    "load_speed": "speed",
+    "load_angle": "angle",
+    "load_torque": "torque",
+    "motor2_torque": "torque",
+    "motor2_speed": "speed",
+    "motor2_angle": "angle",
+    "table_speed": "speed",
+    "table_angle": "angle",
+}
+
+TorqueIs = Literal["command", "measurement", "unknown"]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel as it was logged.
+
+    time    (n,) seconds on the channel's own clock, not decreasing
+    values  (n,) in `unit`
+    unit    as written in the log, or None
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    unit: str | None = None
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A log file as it was: each channel on its own clock."""
+
+    name: str
+    sha256: str
+    channels: Mapping[str, Channel]
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Signals by role on one uniform grid.
+
+    name         file name without folder
+    sha256       of the log file
+    step         sample interval [s]
+    start        time of the first sample on the log's clock [s]
+    signals      role -> (n,) SI; NaN where a sensor has no value. Torques are held over
+                 the interval that follows their sample (zero order hold) and never NaN
+                 inside a segment
+    segments     (first, last+1) index pairs without a gap in time
+    torque_unit  Nm, N or A; motion_unit rad or m
+    torque_is    whether the logged torque is the command or a measurement of it
+    """
+
+    name: str
+    sha256: str
+    step: float
+    start: float
+    signals: Mapping[str, np.ndarray]
+    segments: tuple[tuple[int, int], ...]
+    torque_unit: str = "Nm"
+    motion_unit: str = "rad"
+    torque_is: TorqueIs = "unknown"
+    findings: tuple[Finding, ...] = field(default=())
+
+    @property
+    def size(self) -> int:
+        """Number of samples on the grid."""
+        return len(next(iter(self.signals.values())))
+
+    @property
+    def time(self) -> np.ndarray:
+        """(n,) seconds from the first sample."""
+        return np.arange(self.size) * self.step
+
+    def signal(self, role: str, why: str) -> np.ndarray:
+        """The (n,) signal of a role; BadRecording names the roles there are."""
+        if role not in self.signals:
+            raise BadRecording(
+                f"role {role} for {why}", f"none in {self.name}",
+                "Name its channel in the channel map.", sorted(self.signals))
+        return self.signals[role]
+
+    def between(self, first: float, last: float) -> Experiment:
+        """The part from `first` to `last` seconds, as an experiment of its own."""
+        i, j = max(0, round(first / self.step)), min(self.size, round(last / self.step))
+        cut = tuple((max(a, i) - i, min(b, j) - i) for a, b in self.segments if min(b, j) > max(a, i))
+        return replace(
+            self, start=self.start + i * self.step, segments=cut,
+            signals={role: values[i:j] for role, values in self.signals.items()})

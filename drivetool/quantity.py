@@ -1,0 +1,35 @@
+"""What a parameter is: unit, meaning, bounds, scale and the value that changes nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+# A chain is the same for Nm and rad, N and m, or A and rad; units follow from these two.
+_SPELLING = {
+    ("{T} s^2/{q}", "Nm", "rad"): "kg m^2",
+    ("{T} s^2/{q}", "N", "m"): "kg",
+    ("{T}/{q}", "Nm", "rad"): "Nm/rad",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of parameter.
+
+    unit     template over {T} (torque unit: Nm, N or A) and {q} (motion unit: rad or m)
+    meaning  a few words for tables
+    bounds   lowest and highest value that is physical, in the unit
+    scale    a typical size, used where a value of zero gives none
+    neutral  the value at which the effect is absent; None if it always acts
+    """
+
+    unit: str
+    meaning: str
+    bounds: tuple[float, float]
+    scale: float
+    neutral: float | None = None
+
+    def unit_for(self, torque_unit: str, motion_unit: str) -> str:
+        """The unit in words, for example 'kg m^2' or 'A s^2/rad'."""
+        special = _SPELLING.get((self.unit, torque_unit, motion_unit))
+        return special or self.unit.format(T=torque_unit, q=motion_unit)
