@@ -13,6 +13,10 @@ class Dual:
     def __init__(self, v: float, d: np.ndarray):
         self.v, self.d = v, d
 
+    def jet(self) -> np.ndarray:
+        """(1 + nq,) value, then gradient."""
+        return np.concatenate(([self.v], self.d))
+
     def __add__(self, other: Dual | float) -> Dual:
         if isinstance(other, Dual):
             return Dual(self.v + other.v, self.d + other.d)

@@ -33,7 +33,8 @@ TorqueIs = Literal["command", "measurement", "unknown"]
 class Channel:
     """One channel as it was logged.
 
-    time    (n,) seconds on the channel's own clock, not decreasing
+    time    (n,) seconds on the channel's own clock, counted from the recording's origin;
+            as logged: the one door (build.py) checks that it does not decrease
     values  (n,) in `unit`
     unit    as written in the log, or None
     """
@@ -45,12 +46,20 @@ class Channel:
 
 @dataclass(frozen=True)
 class Recording:
-    """A log file as it was: each channel on its own clock."""
+    """A log file as it was: each channel on its own clock.
+
+    name      file name without folder; sha256 of the file
+    channels  by name, those that were asked for; channels of one clock share its time array
+    findings  what the reader repaired or lost
+    origin    seconds on the log's clock at which the channels' times count from; apart from
+              them because 64-bit floats resolve the seconds since 1970 to 0.2 us only
+    """
 
     name: str
     sha256: str
     channels: Mapping[str, Channel]
     findings: tuple[Finding, ...] = ()
+    origin: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,91 @@
+"""The result to where it was asked for: file, standard output, table, pictures, talk."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from drivetool.cli.outcomes import exit_code, say
+
+if TYPE_CHECKING:
+    from drivetool.cli.inputs import Job
+    from drivetool.files.shapes import ParameterFile, ValidationFile
+    from drivetool.identify.estimate import Exhibit
+    from drivetool.logs.experiment import Experiment
+
+
+def deliver(job: Job, file: ParameterFile | ValidationFile, exhibits: Sequence[Exhibit]) -> int:
+    """Write, print and draw; the exit code.
+
+    file      what the step writes
+    exhibits  what the pictures show
+    """
+    from drivetool.files.result_file import dump
+    from drivetool.files.write import write_whole
+
+    terminal = sys.stdout.isatty()
+    if job.out not in (None, "-"):
+        write_whole(job.out, dump(file))
+    if job.json:
+        sys.stdout.write(dump(file, "json"))
+    elif job.out == "-" or (job.out is None and not terminal):
+        sys.stdout.write(dump(file))
+    elif terminal:
+        print_table(file)
+    sys.stdout.flush()
+    pictures = draw(job, exhibits, [entry.file for entry in file.data])
+    passed = getattr(file, "passed", True)
+    if not job.quiet:
+        _talk(job, file, pictures)
+    return exit_code((finding.severity for finding in file.findings), passed, job.strict)
+
+
+def print_table(file: ParameterFile | ValidationFile) -> None:
+    """The table of a file on standard output."""
+    from rich.console import Console
+
+    from drivetool.files import tables
+
+    console = Console(highlight=False)
+    console.width = max(80, console.width)  # narrower, and numbers would be cut
+    if hasattr(file, "verdict"):
+        tables.print_validation(file, console)
+    else:
+        tables.print_estimate(file, console)
+
+
+def print_findings(file: ParameterFile | ValidationFile, stderr: bool = True) -> None:
+    """The findings of a file, worst first."""
+    from rich.console import Console
+
+    from drivetool.files import tables
+
+    tables.print_findings(file.findings, Console(stderr=stderr, highlight=False))
+
+
+def draw(job: Job, exhibits: Sequence[Exhibit], records: Sequence[str]) -> list[str]:
+    """Pictures into --plot DIR; their names."""
+    if not job.plot:
+        return []
+    from drivetool.files.plots import draw_all
+
+    return draw_all(exhibits, job.plot, job.step, records)
+
+
+def draw_recordings(job: Job, experiments: Sequence[Experiment]) -> None:
+    """What was recorded, for the person who wonders why the fit failed."""
+    if job.plot:
+        from drivetool.files.plots import exhibit_of
+
+        draw(job, [exhibit_of(each) for each in experiments], [each.name for each in experiments])
+
+
+def _talk(job: Job, file: ParameterFile | ValidationFile, pictures: Sequence[str]) -> None:
+    """Findings, how it ended and what was written."""
+    print_findings(file)
+    say(job.step, getattr(file, "outcome", "") or getattr(file, "verdict", ""))
+    if job.out not in (None, "-"):
+        say(job.step, f"wrote {job.out}")
+    if pictures:
+        say(job.step, f"drew {', '.join(pictures)} in {job.plot}")

@@ -1,0 +1,15 @@
+"""drivetool greybox."""
+
+from drivetool.cli.step import estimator_command
+
+HELP = ("The physical parameters, polished. By the innovations fit (default) or by "
+        "simulation error; several recordings go into one fit.")
+
+
+def _load():
+    from drivetool.identify.greybox import greybox
+
+    return greybox
+
+
+command = estimator_command("greybox", _load)

@@ -1,0 +1,148 @@
+"""From command-line words to experiments, parameters and a drive; all of it before anything runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from drivetool.errors import BadOption, BadRecording
+
+if TYPE_CHECKING:
+    from drivetool.drive.chain import Drive
+    from drivetool.errors import Finding
+    from drivetool.files.parameter_file import Loaded
+    from drivetool.logs.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every command that reads recordings was asked; the words of cli/options.py."""
+
+    step: str
+    logs: Sequence[str]
+    params: Sequence[str] = ()
+    map: str | None = None
+    drive: str | None = None
+    set: Sequence[str] = ()
+    out: str | None = None
+    json: bool = False
+    plot: str | None = None
+    strict: bool = False
+    debug: bool = False
+    quiet: bool = False
+
+
+@dataclass(frozen=True)
+class Opened:
+    """Everything read and checked: recordings, parameter files, the drive file if there is one."""
+
+    experiments: tuple[Experiment, ...]
+    loaded: Loaded
+    shape: Loaded | None = field(default=None)
+
+    @property
+    def inputs(self) -> tuple[tuple[str, str], ...]:
+        """(name, sha256) of every parameter file that was read."""
+        return (self.shape.inputs if self.shape else ()) + self.loaded.inputs
+
+
+def open_all(job: Job) -> Opened:
+    """Read the parameter files, the drive file, the map and then the logs, which take longest."""
+    from drivetool.files.channel_map_file import load_channel_map
+    from drivetool.files.parameter_file import load_parameters
+    from drivetool.files.write import check_target
+    from drivetool.logs.build import open_experiment
+
+    _inputs_stay(job)
+    if job.out not in (None, "-"):
+        check_target(job.out)
+    loaded = load_parameters(job.params)
+    shape = _shape(job)
+    channel_map = load_channel_map(job.map)
+    experiments = tuple(open_experiment(log, channel_map) for log in job.logs)
+    _one_kind(experiments)
+    return Opened(experiments, loaded, shape)
+
+
+def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
+    """The drive to work with: --drive, else the parameter file's, else two masses.
+
+    loaded  the parameter files to take values from; None: all of them
+    """
+    from drivetool.drive.chain import KNOWN_DRIVES, two_mass
+
+    loaded = loaded or opened.loaded
+    units = opened.experiments[0].torque_unit, opened.experiments[0].motion_unit
+    drive = loaded.structure(two_mass(*units))
+    if opened.shape:
+        drive = opened.shape.fill(opened.shape.structure(two_mass(*units)))
+    elif job.drive:
+        drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
+    drive = loaded.fill(drive)
+    return drive.with_values(dict(_start(word, drive) for word in job.set))
+
+
+def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:
+    """What was found in the recordings, then what the step found; each once."""
+    first = [finding for each in opened.experiments for finding in each.findings]
+    return tuple([finding for finding in first if finding not in more] + list(more))
+
+
+def _shape(job: Job) -> Loaded | None:
+    """The drive file, if --drive names one."""
+    from drivetool.drive.chain import KNOWN_DRIVES
+    from drivetool.errors import nearest
+    from drivetool.files.parameter_file import load_parameters
+
+    if job.drive is None or job.drive in KNOWN_DRIVES:
+        return None
+    if not os.path.exists(job.drive):
+        raise BadOption("a known drive or a YAML file after --drive", f"'{job.drive}'",
+                        nearest(job.drive, KNOWN_DRIVES))
+    shape = load_parameters([job.drive])
+    if shape.sources[0].file.drive is None:
+        raise BadOption("a drive section in the file after --drive", f"none in {shape.sources[0].name}",
+                        "Add for example 'drive: {bodies: [motor, load], shafts: [shaft]}'.")
+    return shape
+
+
+def _start(word: str, drive: Drive) -> tuple[str, float]:
+    """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
+    from drivetool.files import units
+
+    name, equals, rest = word.partition("=")
+    number, _, unit = rest.strip().partition(" ")
+    name = name.strip()
+    wanted = drive.unit(name)
+    try:
+        value = float(number)
+    except ValueError:
+        equals = ""
+    if not equals:
+        raise BadOption("NAME=VALUE after --set", f"'{word}'",
+                        f"Write for example '--set {name}=0.4' (in {wanted or 'no unit'}).")
+    return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
+
+
+def _inputs_stay(job: Job) -> None:
+    """Inputs are never modified, so the output must be another file."""
+    inputs = [*job.logs, *job.params, *filter(None, (job.map, job.drive))]
+    if job.out in (None, "-") or not os.path.exists(job.out):
+        return
+    for path in inputs:
+        if os.path.exists(path) and os.path.samefile(path, job.out):
+            raise BadOption("an output file that is not an input", f"{path} for both",
+                            "Give --out another name; inputs are never changed.")
+
+
+def _one_kind(experiments: Sequence[Experiment]) -> None:
+    """Recordings that go into one fit have the same units."""
+    first = experiments[0]
+    for other in experiments[1:]:
+        if (other.torque_unit, other.motion_unit) != (first.torque_unit, first.motion_unit):
+            raise BadRecording(
+                f"recordings in {first.torque_unit} and {first.motion_unit}, as {first.name} is",
+                f"{other.torque_unit} and {other.motion_unit} in {other.name}",
+                "Fit them apart, or correct the units in the channel map.")

@@ -1,0 +1,62 @@
+"""The options that several commands share, each said once."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+
+class CriterionName(StrEnum):
+    """What a grey-box fit minimises."""
+
+    innovations = "innovations"
+    simulation = "simulation"
+
+
+def _option(*names: str, help: str, **more):
+    """A typer option with its help in one line."""
+    return typer.Option(*names, help=help, **more)
+
+
+Logs = Annotated[list[str], typer.Argument(metavar="LOG", help="Recordings, Parquet or MCAP.")]
+Params = Annotated[list[str] | None, _option(
+    "--params", "-p", metavar="FILE",
+    help="Parameter file of an earlier step or by hand; several merge, later wins; - reads standard input.")]
+Models = Annotated[list[str], _option(
+    "--params", "-p", metavar="FILE", help="A model to check, as a parameter file; several are compared.")]
+Map = Annotated[str | None, _option(
+    "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
+DriveName = Annotated[str | None, _option(
+    "--drive", metavar="NAME|FILE",
+    help="one-body, two-mass, three-mass, or a YAML file with a drive section. "
+         "Default: as in the parameter file, else two-mass.")]
+Hold = Annotated[list[str] | None, _option(
+    "--hold", metavar="NAME", help="Keep this parameter at its value; repeatable.")]
+Free = Annotated[list[str] | None, _option(
+    "--free", metavar="NAME", help="Fit this parameter although it would be held; repeatable.")]
+Set = Annotated[list[str] | None, _option(
+    "--set", metavar="NAME=VALUE", help="Start value, with unit if not the drive's own: "
+    "'shaft.half_gap=2 mrad'; repeatable.")]
+Criterion = Annotated[CriterionName, _option(
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation.")]
+Segment = Annotated[float | None, _option(
+    "--segment", metavar="S", min=0.0,
+    help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]
+Starts = Annotated[int | None, _option(
+    "--starts", metavar="N", min=1, help="Starting points to try. Default: the step decides.")]
+Seed = Annotated[int, _option("--seed", metavar="N", min=0, help="Of everything random.")]
+Out = Annotated[str | None, _option(
+    "--out", "-o", metavar="FILE", help="Where the YAML goes; - is standard output, the default on a pipe.")]
+Json = Annotated[bool, _option("--json", help="The same content as JSON on standard output.")]
+Plot = Annotated[str | None, _option(
+    "--plot", metavar="DIR", help="Draw pictures into this folder, also when the fit failed.")]
+Strict = Annotated[bool, _option("--strict", help="Warnings count as failures (exit code 3).")]
+Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
+Quiet = Annotated[bool, _option("--quiet", "-q", help="Nothing on standard error but errors.")]
+MinFit = Annotated[float | None, _option(
+    "--min-fit", metavar="PERCENT", max=100.0, help="Least simulation fit; missed: exit code 3.")]
+MaxCorrelation = Annotated[float, _option(
+    "--max-correlation", metavar="R", min=0.0, max=1.0,
+    help="Largest cross-correlation of residual and input; missed: exit code 3.")]

@@ -1,0 +1,67 @@
+"""The one place where outcomes become exit codes, and errors become sentences."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterable
+
+import typer
+
+from drivetool.errors import DriveToolError, Severity
+
+DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130  # USAGE is raised by typer itself
+
+
+def exit_code(severities: Iterable[Severity], passed: bool = True, strict: bool = False) -> int:
+    """What a finished command returns.
+
+    severities  of its findings
+    passed      whether every bar that was set is met
+    strict      whether warnings count as failures
+    """
+    bad = {"failure", "warning"} if strict else {"failure"}
+    return MISSED if not passed or bad & set(severities) else DONE
+
+
+def guarded(command: str, work: Callable[[], int], debug: bool = False) -> None:
+    """Run a command's work and leave with its exit code.
+
+    command  name of the subcommand, for messages
+    work     returns the exit code of a finished command
+    debug    whether to show a traceback
+    """
+    with warnings.catch_warnings():
+        if not debug:
+            warnings.showwarning = lambda message, *_, **__: say(command, f"warning: {message}")
+        try:
+            code = work()
+            sys.stdout.flush()
+        except DriveToolError as error:
+            code = _failed(command, f"error: {error}", debug)
+        except KeyboardInterrupt:
+            say(command, "interrupted")
+            code = INTERRUPTED
+        except BrokenPipeError:
+            # The reader of our output has gone; Python would complain once more at its end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = FAILED
+        except Exception as error:
+            text = " ".join(f"{type(error).__name__}: {error}".split())
+            code = _failed(command, f"unexpected {text} (run again with --debug for the traceback)", debug)
+    raise typer.Exit(code)
+
+
+def say(command: str, text: str) -> None:
+    """One line on standard error."""
+    print(f"drivetool {command}: {text}", file=sys.stderr)
+
+
+def _failed(command: str, text: str, debug: bool) -> int:
+    """Say what went wrong, with the traceback if it was asked for."""
+    if debug:
+        traceback.print_exc()
+    say(command, text)
+    return FAILED

@@ -1,0 +1,32 @@
+"""drivetool show."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.deliver import print_findings, print_table
+from drivetool.cli.outcomes import DONE, guarded
+
+HELP = "The table of a parameter or validation file."
+
+
+def command(
+    file: Annotated[str, typer.Argument(
+        metavar="FILE", help="Written by a step or by hand; - is standard input.")],
+    debug: cli.Debug = False,
+) -> None:
+    """See HELP."""
+    guarded("show", lambda: run(file), debug)
+
+
+def run(path: str) -> int:
+    """Read, print; the exit code."""
+    from drivetool.files.parameter_file import load_result
+
+    content = load_result(path)
+    print_table(content)
+    print_findings(content, stderr=False)
+    return DONE

@@ -1,0 +1,14 @@
+"""drivetool steady."""
+
+from drivetool.cli.step import estimator_command
+
+HELP = "The friction line from constant speeds."
+
+
+def _load():
+    from drivetool.identify.steady import steady
+
+    return steady
+
+
+command = estimator_command("steady", _load)

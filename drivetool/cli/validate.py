@@ -1,0 +1,54 @@
+"""drivetool validate."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+from drivetool.cli import options as cli
+from drivetool.cli.deliver import deliver, draw_recordings
+from drivetool.cli.inputs import Job, drive_for, findings, open_all
+from drivetool.cli.outcomes import guarded
+from drivetool.errors import DriveToolError
+
+if TYPE_CHECKING:
+    from drivetool.check.validation import ValidateOptions
+
+HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
+        "every --params file is a model of its own.")
+
+
+def command(
+    logs: cli.Logs, params: cli.Models, map: cli.Map = None, drive: cli.DriveName = None,
+    min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15, seed: cli.Seed = 1,
+    out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False,
+    debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """Each --params file is a model of its own; see HELP."""
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet)
+
+    def work() -> int:
+        from drivetool.check.validation import ValidateOptions
+
+        return run(job, ValidateOptions(min_fit=min_fit, max_correlation=max_correlation, seed=seed))
+
+    guarded("validate", work, debug)
+
+
+def run(job: Job, options: ValidateOptions) -> int:
+    """Open, check, deliver; the exit code."""
+    from drivetool.check.validate import validate
+    from drivetool.files.result_file import validation_file
+
+    opened = open_all(job)
+    models = [(source.name, drive_for(job, opened, one), one.noise)
+              for source in opened.loaded.sources
+              for one in [replace(opened.loaded, sources=(source,))]]
+    try:
+        validation = validate(opened.experiments, models, options)
+    except DriveToolError:
+        draw_recordings(job, opened.experiments)
+        raise
+    validation = replace(validation, options=asdict(options) | dict(validation.options),
+                         findings=findings(opened, validation.findings))
+    return deliver(job, validation_file(validation, opened.inputs), validation.exhibits)

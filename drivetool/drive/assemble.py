@@ -1,0 +1,279 @@
+"""From a drive to the equations the kernel solves: every effect stamps its law.
+
+Rows are torques of the bodies, then rates of the twists and of the signal path. Derivatives come
+with the numbers: a parameter is a Dual over the free ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.dual import Dual
+from drivetool.drive.system import System
+from drivetool.errors import BadParameters
+
+PAD = 4  # parameter columns come in fours: fewer variants to compile, and whole vectors
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What is simulated: which parameters are free, which signals go in and out.
+
+    free         names of the nq free parameters, in the order of the columns
+    inputs       roles, the motor torque first
+    outputs      roles
+    step         sample interval [s]
+    memory       None, or the correlation of a motor torque disturbance from one sample to the
+                 next, which is then a state
+    gradient     whether derivatives over the free parameters are wanted
+    """
+
+    free: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    step: float
+    memory: float | None = None
+    gradient: bool = True
+
+
+class Assembly:
+    """The equations under construction; effects call `torque`, `couple`, `gap` and so on."""
+
+    def __init__(self, drive: Drive, layout: Layout):
+        self.drive, self.layout = drive, layout
+        self.nq = -(-len(layout.free) // PAD) * PAD if layout.gradient else 0
+        self.n = len(drive.bodies)
+        self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
+        if any(role.endswith("angle") for role in layout.outputs):
+            self.states.append("angle")
+        if self.acts_on_path("bandwidth"):
+            self.states += ["converter", "converter.rate"]
+        if layout.memory is not None:
+            self.states.append("disturbance")
+        self.nx, self.nu = len(self.states), len(layout.inputs)
+        self.constant = self.nx + self.nu
+        self.rows: dict[tuple[int, int], Dual] = {}
+        self.masses: list[Dual] = []
+        self.shafts: list[tuple[Dual, Dual, Dual]] = []
+        self.gaps: dict[int, Dual] = {}
+        self.frictions: list[tuple[int, Dual]] = []
+        self.dead_time = self.number(0.0)
+        for effect, _, index in drive.effects():
+            effect.stamp(self, index)
+        self._kinematics()
+
+    # what the effects use
+
+    def number(self, value: float) -> Dual:
+        """A constant."""
+        return Dual(value, np.zeros(self.nq))
+
+    def parameter(self, name: str) -> Dual:
+        """The value of a parameter with its gradient."""
+        value = self.drive.value(name)
+        if value is None:
+            raise BadParameters(f"a value of {name}", "none",
+                                "Give it in the parameter file or with --set.")
+        dual = self.number(value)
+        if self.layout.gradient and name in self.layout.free:
+            dual.d[self.layout.free.index(name)] = 1.0
+        return dual
+
+    def of_body(self, body: int, suffix: str) -> Dual:
+        """A body's parameter; a total is shared out as TOTALS in chain.py says."""
+        name = f"{self.drive.bodies[body]}.{suffix}"
+        for total, part in TOTALS.items():
+            if part == suffix and (total in self.drive.values or total in self.layout.free):
+                if suffix == "viscous":
+                    inertias = [self.parameter(f"{b}.inertia") for b in self.drive.bodies]
+                    return self.parameter(total) * inertias[body] / sum(inertias[1:], inertias[0])
+                return self.parameter(total) if body == self.n - 1 else self.number(0.0)
+        return self.parameter(name)
+
+    def of_shaft(self, shaft: int, suffix: str) -> Dual:
+        """A shaft's parameter."""
+        return self.parameter(f"{self.drive.shafts[shaft]}.{suffix}")
+
+    def of_path(self, suffix: str) -> Dual:
+        """A parameter of the torque path."""
+        return self.parameter(f"converter.{suffix}")
+
+    def _acts(self, name: str) -> bool:
+        return name in self.layout.free or self.drive.value(name) != self.drive.quantity(name).neutral
+
+    def acts(self, body: int, suffix: str) -> bool:
+        """Whether a body's effect is present: not neutral, or free."""
+        return self._acts(f"{self.drive.bodies[body]}.{suffix}")
+
+    def acts_on_shaft(self, shaft: int, suffix: str) -> bool:
+        """Whether a shaft's effect is present."""
+        return self._acts(f"{self.drive.shafts[shaft]}.{suffix}")
+
+    def acts_on_path(self, suffix: str) -> bool:
+        """Whether an effect of the torque path is present."""
+        return self._acts(f"converter.{suffix}")
+
+    def speed(self, body: int) -> int:
+        """Column of a body's speed."""
+        return body
+
+    def torque(self, row: int, column: int, factor: Dual) -> None:
+        """Add factor * z[column] to a row."""
+        old = self.rows.get((row, column))
+        self.rows[row, column] = factor if old is None else old + factor
+
+    def inertia(self, body: int, value: Dual) -> None:
+        """The mass that a body's torques accelerate."""
+        self.masses.append(value)
+
+    def friction(self, body: int, level: Dual) -> None:
+        """Set-valued friction of a level on a body."""
+        self.frictions.append((body, level))
+
+    def couple(self, shaft: int, stiffness: Dual, damping: Dual, ratio: Dual) -> None:
+        """Join two neighbours; whether with a gap is decided by `gap`."""
+        self.shafts.append((stiffness, damping, ratio))
+
+    def gap(self, shaft: int, half: Dual) -> None:
+        """Put a dead zone of half width `half` into a shaft."""
+        self.gaps[shaft] = half
+
+    def second_order_input(self, bandwidth: Dual, damping: Dual) -> None:
+        """Let the motor torque follow its command as a second-order lag."""
+        state = self.states.index("converter")
+        one, square = self.number(1.0), bandwidth * bandwidth
+        self.torque(state, state + 1, one)
+        self.torque(state + 1, state, -square)
+        self.torque(state + 1, state + 1, -2.0 * damping * bandwidth)
+        self.torque(state + 1, self.nx, square)
+        self.torque(0, state, one)
+
+    def delay(self, dead_time: Dual) -> None:
+        """Let the motor torque act later."""
+        self.dead_time = dead_time
+
+    # what follows from the chain itself
+
+    def _kinematics(self) -> None:
+        one = self.number(1.0)
+        if "converter" not in self.states:
+            self.torque(0, self.nx, one)
+        for column, role in enumerate(self.layout.inputs[1:], self.nx + 1):
+            sign = -1.0 if role == "load_torque" else 1.0
+            self.torque(self.body_of(role), column, sign * one)
+        for k, (_, _, ratio) in enumerate(self.shafts):
+            twist = self.n + k
+            self.torque(twist, k, 1.0 / ratio)
+            self.torque(twist, k + 1, -one)
+            if k not in self.gaps:
+                for column, factor in self.spring(k, damped=True).items():
+                    self._on_both(k, column, factor)
+            elif self.drive.damping_law == "always":
+                for column, factor in self.damper(k).items():
+                    self._on_both(k, column, factor)
+        if "angle" in self.states:
+            self.torque(self.states.index("angle"), 0, one)
+        if "disturbance" in self.states:
+            self.torque(0, self.states.index("disturbance"), one)
+
+    def _on_both(self, shaft: int, column: int, factor: Dual) -> None:
+        self.torque(shaft, column, -factor / self.shafts[shaft][2])
+        self.torque(shaft + 1, column, factor)
+
+    def damper(self, shaft: int) -> dict[int, Dual]:
+        """Damping torque of a shaft over the state."""
+        _, damping, ratio = self.shafts[shaft]
+        return {shaft: damping / ratio, shaft + 1: -damping}
+
+    def spring(self, shaft: int, damped: bool) -> dict[int, Dual]:
+        """Torque of a shaft in contact over the state, with or without its damping."""
+        found = {self.n + shaft: self.shafts[shaft][0]}
+        return found | self.damper(shaft) if damped else found
+
+    def body_of(self, role: str) -> int:
+        """Index of the body that a role is measured at or acts on."""
+        owner = role.rsplit("_", 1)[0]
+        if owner in self.drive.bodies:
+            return self.drive.bodies.index(owner)
+        if owner == "motor":
+            return 0
+        if owner == "load":
+            return self.n - 1
+        raise BadParameters(f"a body called {owner} for the role {role}",
+                            f"the {self.drive.name} drive", "Choose another drive or role.",
+                            self.drive.bodies)
+
+    def output(self, role: str) -> tuple[dict[int, Dual], int]:
+        """(row over the state, gap whose torque adds to it or -1) of a measured role."""
+        if role == "shaft_torque":
+            if not self.shafts:
+                raise BadParameters("a drive with a shaft for the role shaft_torque",
+                                    f"the {self.drive.name} drive", "Use --drive two-mass.")
+            if 0 not in self.gaps:
+                return self.spring(0, damped=True), -1
+            always = self.drive.damping_law == "always"
+            return self.damper(0) if always else {}, list(self.gaps).index(0)
+        body = self.body_of(role)
+        one = self.number(1.0)
+        if role.endswith("speed"):
+            return {body: one}, -1
+        row = {self.states.index("angle"): one}
+        for k in range(body):
+            ratio = self.shafts[k][2]
+            row = {column: factor / ratio for column, factor in row.items()}
+            row[self.n + k] = -one
+        return row, -1
+
+    def system(self) -> System:
+        """The arrays for the kernel."""
+        nx, nz, nq = self.nx, self.constant + 1, self.nq
+        rows = np.zeros((nx, nz, 1 + nq))
+        for (r, j), dual in self.rows.items():
+            rows[r, j] = dual.jet()
+        spring = np.zeros((len(self.gaps), nx, 1 + nq))
+        gains, reach = [], []
+        for g, (shaft, half) in enumerate(self.gaps.items()):
+            for j, dual in self.spring(shaft, self.drive.damping_law == "inside").items():
+                spring[g, j] = dual.jet()
+            gains += [-1.0 / self.shafts[shaft][2], self.number(1.0)]
+            reach.append(self.shafts[shaft][0] * half)
+        outputs, output_gap = self._outputs()
+        h = self.layout.step
+        part = (self.dead_time.v / h) % 1.0 * h
+        memory = np.ones(nx)
+        if self.layout.memory is not None:
+            memory[self.states.index("disturbance")] = self.layout.memory
+        ns = -(-(nq + nx + 1) // PAD) * PAD if self.layout.gradient else nx
+        return System(
+            rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring,
+            self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),
+            self._jets(gains).reshape(-1, 2, 1 + nq),
+            np.array([b for b, _ in self.frictions], np.int64),
+            self._jets([level for _, level in self.frictions]), outputs, output_gap,
+            np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h]),
+            self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
+            len(outputs), ns)
+
+    def _jets(self, duals: Sequence[Dual]) -> np.ndarray:
+        return np.array([d.jet() for d in duals]).reshape(len(duals), 1 + self.nq)
+
+    def _outputs(self) -> tuple[np.ndarray, np.ndarray]:
+        ny = len(self.layout.outputs)
+        rows, gap = np.zeros((ny, self.nx, 1 + self.nq)), np.full(ny, -1, np.int64)
+        for m, role in enumerate(self.layout.outputs):
+            row, gap[m] = self.output(role)
+            for j, dual in row.items():
+                rows[m, j] = dual.jet()
+        return rows, gap
+
+
+def assemble(drive: Drive, layout: Layout, values: Mapping[str, float] | None = None) -> System:
+    """The equations of a drive, optionally with some values replaced (bounds not checked)."""
+    if values:
+        from dataclasses import replace
+        drive = replace(drive, values={**drive.values, **values})
+    return Assembly(drive, layout).system()

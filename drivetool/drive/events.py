@@ -1,0 +1,193 @@
+"""A step in which a contact closes or opens, or a body stops or breaks away.
+
+Inside a mode the state is a power series in time; every guard is a scalar polynomial of it. The
+earliest root among the guards ends the stretch, the mode changes, and the sensitivities are
+carried across by the saltation rule. Gap laws are continuous at the contact, and so is breakaway,
+so only a body that comes to rest, or reverses without resting, has a saltation that is not one.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from drivetool.drive.modes import COMPILE, lookup
+from drivetool.drive.roots import first_exit, horner
+from drivetool.drive.system import ORDER
+
+MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter
+
+
+@njit(**COMPILE)
+def series(a, x, u, w):
+    """Power series of the state: w (ORDER + 1, nx)."""
+    nx = x.size
+    for r in range(nx):
+        v = a[r, nx + u.size, 0]
+        for j in range(nx):
+            v += a[r, j, 0] * x[j]
+        for j in range(u.size):
+            v += a[r, nx + j, 0] * u[j]
+        w[0, r] = x[r]
+        w[1, r] = v
+    for k in range(2, w.shape[0]):
+        for r in range(nx):
+            v = 0.0
+            for j in range(nx):
+                v += a[r, j, 0] * w[k - 1, j]
+            w[k, r] = v / k
+
+
+@njit(**COMPILE)
+def contact_guard(spring, reach, side, sign, w, p):
+    """Polynomial sign * (spring x(t) - side reach)."""
+    for k in range(p.size):
+        v = 0.0
+        for j in range(w.shape[1]):
+            v += spring[j, 0] * w[k, j]
+        p[k] = sign * v
+    p[0] -= sign * side * reach
+
+
+@njit(**COMPILE)
+def stick_guard(net, u, level, side, w, p):
+    """Polynomial level - side * (torque on the sticking body)."""
+    nx = w.shape[1]
+    for k in range(p.size):
+        v = 0.0
+        for j in range(nx):
+            v += net[j] * w[k, j]
+        p[k] = -side * v
+    v = net[nx + u.size]
+    for j in range(u.size):
+        v += net[nx + j] * u[j]
+    p[0] += level - side * v
+
+
+@njit(**COMPILE)
+def next_event(s, net, mode, u, w, p, end, fresh):
+    """(time, element, new digit) of the earliest event, element -1 if there is none.
+
+    `fresh` has a bit for every element that has switched at this very moment.
+    """
+    te, element, digit = end, -1, 0
+    for g in range(s.ng):
+        new_one = (fresh >> g) & 1 == 1
+        for side in (1.0, -1.0):
+            # In contact one guard counts, in the gap both do.
+            if mode[g] == 1:
+                contact_guard(s.spring[g], s.reach[g, 0], side, -side, w, p)
+                new = 0 if side > 0.0 else 2
+            elif side == 1.0 - mode[g]:
+                contact_guard(s.spring[g], s.reach[g, 0], side, side, w, p)
+                new = 1
+            else:
+                continue
+            t = first_exit(p, te, new_one)
+            if t >= 0.0:
+                te, element, digit = t, g, new
+    for f in range(s.nf):
+        e = s.ng + f
+        if mode[e] != 1:
+            for j in range(p.size):
+                p[j] = (1.0 - mode[e]) * w[j, s.slip_rows[f]]
+            t = first_exit(p, te, (fresh >> e) & 1 == 1)
+            if t >= 0.0:
+                te, element, digit = t, e, 1
+        else:
+            for side in (1.0, -1.0):
+                stick_guard(net[f], u, s.level[f, 0], side, w, p)
+                t = first_exit(p, te, False)
+                if t >= 0.0:
+                    te, element, digit = t, e, 0 if side > 0.0 else 2
+    return te, element, digit
+
+
+@njit(**COMPILE)
+def carry(a, x, u, big, w, v, t, te):
+    """Sensitivities across a stretch without event: dS/dt = A S + dA z, as a power series."""
+    nx, ns, nq = x.size, big.shape[1], a.shape[2] - 1
+    for r in range(nx):
+        for q in range(ns):
+            v[r, q] = big[r, q]
+    power = 1.0
+    for n in range(ORDER):
+        g = te / (n + 1)
+        for r in range(nx):
+            for q in range(ns):
+                y = 0.0
+                for j in range(nx):
+                    y += a[r, j, 0] * v[j, q]
+                t[r, q] = y * g
+            for q in range(nq):
+                y = 0.0
+                for j in range(nx):
+                    y += a[r, j, q + 1] * w[n, j]
+                y *= power
+                if n == 0:
+                    y += a[r, nx + u.size, q + 1]
+                    for j in range(u.size):
+                        y += a[r, nx + j, q + 1] * u[j]
+                t[r, q] += y * g
+        for r in range(nx):
+            for q in range(ns):
+                v[r, q] = t[r, q]
+                big[r, q] += t[r, q]
+        power *= te
+
+
+@njit(**COMPILE)
+def load_on(net, x, u):
+    """Torque on a body without its Coulomb friction."""
+    nx = x.size
+    v = net[nx + u.size]
+    for j in range(nx):
+        v += net[j] * x[j]
+    for j in range(u.size):
+        v += net[nx + j] * u[j]
+    return v
+
+
+@njit(**COMPILE)
+def switch(s, net, mode, x, u, big, element, digit):
+    """Change the mode at an event and apply the saltation."""
+    f = element - s.ng
+    if f < 0 or mode[element] == 1:
+        mode[element] = digit
+        return
+    row, side = s.slip_rows[f], 1.0 - mode[element]
+    x[row] = 0.0
+    load = load_on(net[f], x, u)
+    if abs(load) <= s.level[f, 0]:
+        mode[element] = 1
+        factor = 0.0
+    else:
+        mode[element] = 0 if load > 0.0 else 2
+        # The body goes on through zero: its acceleration jumps from load - side Tc to load + side Tc.
+        factor = (load + side * s.level[f, 0]) / (load - side * s.level[f, 0])
+    for q in range(big.shape[1]):
+        big[row, q] *= factor
+
+
+@njit(**COMPILE)
+def event_step(s, c, x, u, big, mode, part):
+    """Carry x, sensitivities and mode over one part of a sample."""
+    w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
+    rest = s.spans[part]
+    events, fresh = 0, 0
+    while rest > 0.0:
+        k = lookup(s, c, mode, part)
+        a, net = c.flow[k], c.net[k]
+        te, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
+        series(a, x, u, w)
+        if events < MOST:
+            te, element, digit = next_event(s, net, mode, u, w, p, te, fresh)
+        if te > 0.0:
+            carry(a, x, u, big, w, v, t, te)
+            for r in range(s.nx):
+                x[r] = horner(w[:, r], te)
+            fresh = 0
+        rest = rest - te if te < rest else 0.0
+        if element >= 0:
+            switch(s, net, mode, x, u, big, element, digit)
+            fresh |= 1 << element
+            events += 1

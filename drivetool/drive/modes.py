@@ -1,0 +1,163 @@
+"""The matrices of one mode: the flow, the exact step over a part of a sample, as jets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# The Taylor terms after which exp is exact to rounding for a norm of one half.
+TERMS = 14
+# The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
+# every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
+COMPILE = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
+HOT = {**COMPILE, "forceinline": True}
+
+
+@njit(**COMPILE)
+def lookup(s, c, mode, part):
+    """The slot of a mode, worked out first if it is new."""
+    number = part
+    for digit in mode:
+        number = 3 * number + digit
+    k = c.slot[number]
+    if k < 0:
+        last = c.slot.size - 1
+        if c.slot[last] == c.rate.size:
+            for m in range(last):
+                c.slot[m] = -1
+            c.slot[last] = 0
+        k = c.slot[last]
+        c.slot[last] += 1
+        c.slot[number] = k
+        build(s, c, mode, part, k)
+    return k
+
+
+@njit(**COMPILE)
+def build(s, c, mode, part, k):
+    """Fill slot k: stamp the switching elements, divide by the mass, take the exponential."""
+    nx, const, jet = s.nx, s.nx + s.nu, s.nq + 1
+    a = c.flow[k]
+    for r in range(nx):
+        for j in range(const + 1):
+            for q in range(jet):
+                a[r, j, q] = s.rows[r, j, q]
+    for g in range(s.ng):
+        if mode[g] != 1:
+            for e in range(2):
+                stamp_contact(s, a, g, e, 1.0 - mode[g])
+    for f in range(s.nf):
+        row = s.slip_rows[f]
+        for j in range(const + 1):
+            c.net[k, f, j] = a[row, j, 0]
+        for q in range(jet):
+            a[row, const, q] -= (1.0 - mode[s.ng + f]) * s.level[f, q]
+    for r in range(nx):
+        for j in range(const + 1):
+            a[r, j, 0] /= s.mass[r, 0]
+            for q in range(1, jet):
+                a[r, j, q] = (a[r, j, q] - a[r, j, 0] * s.mass[r, q]) / s.mass[r, 0]
+    for f in range(s.nf):
+        if mode[s.ng + f] == 1:
+            for j in range(const + 1):
+                for q in range(jet):
+                    a[s.slip_rows[f], j, q] = 0.0
+    c.rate[k] = balanced_norm(a, c.square, nx)
+    exponential(a, s.spans[part], c.rate[k], c.jets, c.leap[k], c.dleap[k])
+
+
+@njit(**COMPILE)
+def stamp_contact(s, a, g, e, side):
+    """Shaft torque (spring x - side reach) on one of its two bodies."""
+    row, const = s.gap_rows[g, e], s.nx + s.nu
+    gain, spring, reach = s.gap_gain[g, e], s.spring[g], s.reach[g]
+    for j in range(s.nx):
+        a[row, j, 0] += gain[0] * spring[j, 0]
+        for q in range(1, s.nq + 1):
+            a[row, j, q] += gain[0] * spring[j, q] + gain[q] * spring[j, 0]
+    a[row, const, 0] -= side * gain[0] * reach[0]
+    for q in range(1, s.nq + 1):
+        a[row, const, q] -= side * (gain[0] * reach[q] + gain[q] * reach[0])
+
+
+@njit(**COMPILE)
+def balanced_norm(a, b, nx):
+    """Infinity norm of the state part after diagonal balancing (Osborne 1960), in 1/s.
+
+    Without it a stiff shaft counts with ks/J instead of sqrt(ks/J): angles and speeds have
+    different units. b (nx, nx) is scratch.
+    """
+    for i in range(nx):
+        for j in range(nx):
+            b[i, j] = abs(a[i, j, 0])
+    for _ in range(6):
+        for i in range(nx):
+            row, col = 0.0, 0.0
+            for j in range(nx):
+                if j != i:
+                    row += b[i, j]
+                    col += b[j, i]
+            # A state that drives nothing, or is driven by nothing, may be scaled at will.
+            down = np.sqrt(row / col) if row > 0.0 and col > 0.0 else (1e3 if row > 0.0 else 1e-3)
+            for j in range(nx):
+                if j != i:
+                    b[i, j] /= down
+                    b[j, i] *= down
+    worst = 0.0
+    for i in range(nx):
+        total = 0.0
+        for j in range(nx):
+            total += b[i, j]
+        worst = max(worst, total)
+    return worst
+
+
+@njit(**COMPILE)
+def multiply(a, b, factor, out):
+    """out = factor a[:, :nx] b for jets a, b, out (nx, nz, 1 + nq)."""
+    nx, nz, jet = a.shape
+    for r in range(nx):
+        for j in range(nz):
+            for q in range(jet):
+                v = 0.0
+                for m in range(nx):
+                    v += a[r, m, 0] * b[m, j, q]
+                    if q > 0:
+                        v += a[r, m, q] * b[m, j, 0]
+                out[r, j, q] = v * factor
+
+
+@njit(**COMPILE)
+def exponential(a, h, rate, scratch, leap, dleap):
+    """Rows of exp([[A B]; [0 0]] h) and their derivatives: Taylor, then repeated squaring."""
+    nx, nz, jet = a.shape
+    halvings = 0
+    while rate * h > 0.5:
+        h *= 0.5
+        halvings += 1
+    e, t, n = scratch[0], scratch[1], scratch[2]
+    for r in range(nx):
+        for j in range(nz):
+            for q in range(jet):
+                t[r, j, q] = a[r, j, q] * h
+                e[r, j, q] = t[r, j, q]
+    for k in range(2, TERMS + 1):
+        multiply(a, t, h / k, n)
+        for r in range(nx):
+            for j in range(nz):
+                for q in range(jet):
+                    e[r, j, q] += n[r, j, q]
+        t, n = n, t
+    for _ in range(halvings):
+        # (1 + e)(1 + e) - 1 = 2 e + e e keeps the small part apart from the identity.
+        multiply(e, e, 1.0, n)
+        for r in range(nx):
+            for j in range(nz):
+                for q in range(jet):
+                    e[r, j, q] = 2.0 * e[r, j, q] + n[r, j, q]
+    for r in range(nx):
+        e[r, r, 0] += 1.0
+        for j in range(nz):
+            leap[r, j] = e[r, j, 0]
+            for q in range(1, jet):
+                dleap[r, j, q - 1] = e[r, j, q]

@@ -1,0 +1,93 @@
+"""Where a guard polynomial first becomes negative."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from drivetool.drive.modes import COMPILE
+
+
+@njit(**COMPILE)
+def horner(p, t):
+    """Value of the polynomial p (k,) at t."""
+    v = 0.0
+    for k in range(p.size - 1, -1, -1):
+        v = v * t + p[k]
+    return v
+
+
+@njit(**COMPILE)
+def slope(p, t):
+    """Derivative of the polynomial p (k,) at t."""
+    v = 0.0
+    for k in range(p.size - 1, 0, -1):
+        v = v * t + k * p[k]
+    return v
+
+
+@njit(**COMPILE)
+def bracketed(p, lo, hi):
+    """Root of p between lo, where p > 0, and hi, where p < 0 (Illinois)."""
+    fl, fh = horner(p, lo), horner(p, hi)
+    for _ in range(100):
+        t = (lo * fh - hi * fl) / (fh - fl)
+        if not lo < t < hi:
+            t = 0.5 * (lo + hi)
+        v = horner(p, t)
+        if v == 0.0 or hi - lo < 1e-15 * hi:
+            return t
+        if v > 0.0:
+            lo, fl = t, v
+            fh *= 0.5
+        else:
+            hi, fh = t, v
+            fl *= 0.5
+    return hi
+
+
+@njit(**COMPILE)
+def deflate(p, end):
+    """Divide out the vanishing lowest terms of a guard that has just been at zero.
+
+    Returns the sign of the first term that counts, 0 if none does; p is changed.
+    """
+    size, power = 0.0, 1.0
+    for k in range(p.size):
+        size += abs(p[k]) * power
+        power *= end
+    power, lead = 1.0, -1
+    for k in range(p.size):
+        if abs(p[k]) * power > 1e-12 * size:
+            lead = k
+            break
+        power *= end
+    if lead < 0:
+        return 0.0
+    for k in range(p.size):
+        p[k] = p[k + lead] if k + lead < p.size else 0.0
+    return 1.0 if p[0] > 0.0 else -1.0
+
+
+@njit(**COMPILE)
+def first_exit(p, end, fresh):
+    """First time in [0, end] at which the guard p(t) becomes negative, or -1.
+
+    A fresh guard has just been at zero: the root at 0 is not to be found again.
+    """
+    if fresh and deflate(p, end) == 0.0:
+        return -1.0
+    if p[0] < 0.0:
+        return 0.0
+    if horner(p, end) < 0.0:
+        return bracketed(p, 0.0, end)
+    if slope(p, 0.0) < 0.0 and slope(p, end) > 0.0:  # may dip below and come back
+        lo, hi = 0.0, end
+        for _ in range(60):
+            t = 0.5 * (lo + hi)
+            if horner(p, t) < 0.0:
+                return bracketed(p, 0.0, t)
+            if slope(p, t) < 0.0:
+                lo = t
+            else:
+                hi = t
+    return -1.0

@@ -1,0 +1,158 @@
+"""Simulation of a record: one call for every pass that an estimator or a check needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivetool.drive.run import kalman, run
+from drivetool.drive.system import Cache, System, empty_cache
+
+CHUNK = 8192  # samples whose sensitivities are in memory at a time
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A stretch of a record with a start state of its own.
+
+    inputs   (n, nu) held torques; outputs (n, ny) measured, NaN where there is none
+    step     sample interval [s]
+    name     of the recording
+    """
+
+    inputs: np.ndarray
+    outputs: np.ndarray
+    step: float
+    name: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return len(self.inputs)
+
+
+@dataclass(frozen=True)
+class Gains:
+    """A frozen observer: gain (n, ny, nx), weight (n, ny) = 1/std of the innovations."""
+
+    gain: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """What a Kalman pass gives: gains, innovations (n, ny), their variance, filtered states."""
+
+    gains: Gains
+    innovations: np.ndarray
+    variance: np.ndarray
+    states: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A system ready to run: the arrays, the cache of its modes, and the whole-sample delay."""
+
+    system: System
+    delay_samples: int = 0
+    cache: Cache = field(init=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "cache", empty_cache(self.system))
+
+    def held(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(inputs of a sample, those before the dead time switches), each (n, nu).
+
+        Only the first input, the motor torque, is delayed. Before the record it is taken as
+        constant.
+        """
+        if self.system.spans.size == 1:
+            return inputs, inputs
+        now, late = inputs.copy(), inputs.copy()
+        n, k = len(inputs), self.delay_samples
+        index = np.arange(n)
+        now[:, 0] = inputs[np.clip(index - k, 0, n - 1), 0]
+        late[:, 0] = inputs[np.clip(index - k - 1, 0, n - 1), 0]
+        return now, late
+
+    def outputs(self, trace: Trace, start: np.ndarray, gains: Gains | None = None) -> np.ndarray:
+        """(n, ny) simulated outputs from the start state (nx,), with or without an observer."""
+        return self.simulate(trace, start, gains)[0]
+
+    def simulate(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+                 keep: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
+        """(outputs (n, ny), states (n, nx) or (0, nx), samples with events)."""
+        s, n = self.system, trace.size
+        u, late = self.held(trace.inputs)
+        out = np.empty((n, s.ny))
+        states = np.empty((n if keep else 0, s.nx))
+        events = run(s, self.cache, u, late, trace.outputs, *_observer(s, gains, slice(None)),
+                     np.array(start, float), np.zeros((s.nx, 0)), np.ones(s.ng + s.nf, np.int64),
+                     True, out, np.empty((0, s.ny, s.ns)), states)
+        return out, states, events
+
+    def normal_equations(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+                         weight: np.ndarray | None = None) -> np.ndarray:
+        """(ns, ns) sum over samples of j' j, j = [parameters, start states, ..., residual].
+
+        weight (ny,) holds 1/std per output where there is no observer. Sensitivities are
+        summed up a chunk at a time: memory does not grow with the record.
+        """
+        s, n = self.system, trace.size
+        u, late = self.held(trace.inputs)
+        x, mode = np.array(start, float), np.ones(s.ng + s.nf, np.int64)
+        big = np.zeros((s.nx, s.ns))
+        big[np.arange(s.nx), s.nq + np.arange(s.nx)] = 1.0
+        jac = np.empty((min(n, CHUNK), s.ny, s.ns))
+        total = np.zeros((s.ns, s.ns))
+        for a in range(0, n, CHUNK):
+            part = slice(a, min(n, a + CHUNK))
+            rows = jac[:part.stop - a]
+            gain, scale = _observer(s, gains, part)
+            if gains is None and weight is not None:
+                scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
+            run(s, self.cache, u[part], late[part], trace.outputs[part], gain, scale, x, big, mode,
+                a == 0, np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx)))
+            flat = rows.reshape(-1, s.ns)
+            total += flat.T @ flat
+        return total
+
+    def jacobian(self, trace: Trace, start: np.ndarray,
+                 gains: Gains | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(outputs (n, ny), weighted sensitivities (n, ny, ns)), all in memory."""
+        s, n = self.system, trace.size
+        u, late = self.held(trace.inputs)
+        big = np.zeros((s.nx, s.ns))
+        big[np.arange(s.nx), s.nq + np.arange(s.nx)] = 1.0
+        out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
+        run(s, self.cache, u, late, trace.outputs, *_observer(s, gains, slice(None)),
+            np.array(start, float), big, np.ones(s.ng + s.nf, np.int64), True, out, jac,
+            np.empty((0, s.nx)))
+        return out, jac
+
+    def filter(self, trace: Trace, start: np.ndarray, sensor: np.ndarray, torque: float,
+               extra: np.ndarray, covariance: np.ndarray | None = None,
+               keep: bool = True) -> Filtered:
+        """Extended Kalman pass from the start state.
+
+        sensor      (ny,) sensor variances; torque: torque noise variance per sample
+        extra       (nx,) variance added to each state per sample
+        covariance  (nx, nx) of the start state; None: known exactly
+        keep        whether gains and states are wanted
+        """
+        s, n = self.system, trace.size
+        u, late = self.held(trace.inputs)
+        p = np.zeros((s.nx, s.nx)) if covariance is None else covariance.copy()
+        gain = np.empty((n if keep else 0, s.ny, s.nx))
+        states = np.empty((n if keep else 0, s.nx))
+        var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
+        kalman(s, self.cache, u, late, trace.outputs, sensor, torque, extra, p,
+               np.array(start, float), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
+        return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states)
+
+
+def _observer(s: System, gains: Gains | None, part: slice) -> tuple[np.ndarray, np.ndarray]:
+    if gains is None:
+        return np.empty((0, s.ny, s.nx)), np.empty((0, s.ny))
+    return gains.gain[part], gains.weight[part]

@@ -1,0 +1,104 @@
+"""A piecewise affine system: what the kernel simulates, and the cache it fills.
+
+Within a mode the state obeys M dx/dt = Q z, z = [x, inputs, 1]. A mode has one digit per
+element, gaps first: 0 contact on the positive side, 1 open, 2 contact on the negative side; then
+frictions: 0 slip forward, 1 stick, 2 slip backward.
+
+A jet is a number followed by its derivatives over the nq free parameters, along the last axis.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
+CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
+
+
+class System(NamedTuple):
+    """nx states, nu inputs, nz = nx + nu + 1, ng gaps, nf frictions, ny outputs, ns columns.
+
+    rows        (nx, nz, 1 + nq)  Q without gaps and friction
+    mass        (nx, 1 + nq)      M, one where a row is not a body
+    spring      (ng, nx, 1 + nq)  torque of the closed contact over the state
+    reach       (ng, 1 + nq)      ks times half gap: the torque at which the contact closes
+    gap_rows    (ng, 2)           bodies that the shaft torque acts on
+    gap_gain    (ng, 2, 1 + nq)   by which factor: -1/ratio and 1
+    slip_rows   (nf,)             bodies with Coulomb friction
+    level       (nf, 1 + nq)      its level
+    outputs     (ny, nx, 1 + nq)  y = C x
+    output_gap  (ny,)             gap whose torque adds to the output, or -1
+    spans       (1,) or (2,)      lengths of the parts of a sample [s]
+    delay       (nq,)             d(dead time)/d(parameter)
+    memory      (nx,)             factor on a state from sample to sample
+    """
+
+    rows: np.ndarray
+    mass: np.ndarray
+    spring: np.ndarray
+    reach: np.ndarray
+    gap_rows: np.ndarray
+    gap_gain: np.ndarray
+    slip_rows: np.ndarray
+    level: np.ndarray
+    outputs: np.ndarray
+    output_gap: np.ndarray
+    spans: np.ndarray
+    delay: np.ndarray
+    memory: np.ndarray
+    nx: int
+    nu: int
+    nq: int
+    ng: int
+    nf: int
+    ny: int
+    ns: int
+
+
+class Cache(NamedTuple):
+    """Matrices of the modes met so far; emptied when full.
+
+    slot   (modes * parts + 1,)     where a mode lies, -1 if nowhere; last: how many there are
+    flow   (cap, nx, nz, 1 + nq)    dx/dt = flow z
+    leap   (cap, nx, nz)            x after the part of a sample = leap z
+    dleap  (cap, nx, nz, nq)        its derivative
+    net    (cap, nf, nz)            torque on a body without its Coulomb friction
+    rate   (cap,)                   balanced norm of flow [1/s]
+
+    The rest is scratch, for the kernel allocates nothing:
+    jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
+    poly (ORDER + 1,), vectors (3, nx), guards (3, elements), gradient (ns,)
+    """
+
+    slot: np.ndarray
+    flow: np.ndarray
+    leap: np.ndarray
+    dleap: np.ndarray
+    net: np.ndarray
+    rate: np.ndarray
+    jets: np.ndarray
+    square: np.ndarray
+    transition: np.ndarray
+    columns: np.ndarray
+    series: np.ndarray
+    poly: np.ndarray
+    vectors: np.ndarray
+    guards: np.ndarray
+    gradient: np.ndarray
+
+
+def empty_cache(s: System) -> Cache:
+    """Room for the modes of a system, none of them worked out yet."""
+    nx, nz, jet = s.rows.shape
+    modes = 3 ** (s.ng + s.nf) * s.spans.size
+    cap = min(modes, CAPACITY)
+    slot = np.full(modes + 1, -1, np.int64)
+    slot[-1] = 0
+    return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
+                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)), np.zeros(cap),
+                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
+                 np.zeros((3, nx, s.ns)),
+                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((3, nx)),
+                 np.zeros((3, s.ng + s.nf)), np.zeros(s.ns))

@@ -1,0 +1,28 @@
+"""The channel map from its YAML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from drivetool.errors import BadOption, BadParameters
+from drivetool.files.text import from_yaml
+from drivetool.logs.channel_map import ChannelMap
+
+
+def load_channel_map(path: str | Path | None) -> ChannelMap | None:
+    """Read a channel map.
+
+    path     of the YAML file; None: no map
+    returns  ChannelMap, or None
+    raises   BadOption: a file that cannot be read or used
+    """
+    if path is None:
+        return None
+    try:
+        content = from_yaml(Path(path).read_bytes(), Path(path).name)
+    except OSError as error:
+        raise BadOption(f"to read the channel map {path}", error.strerror or str(error),
+                        "Check the path given with --map.") from None
+    except BadParameters as error:
+        raise BadOption(error.wanted, error.found, error.do) from None
+    return ChannelMap.from_mapping(content, Path(path).name)

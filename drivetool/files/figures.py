@@ -1,0 +1,212 @@
+"""How each kind of exhibit is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivetool.files.plots import decimated
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from drivetool.identify.estimate import Exhibit
+
+    Curve = tuple[np.ndarray, np.ndarray]
+
+GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
+_CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold",
+    "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.edgecolor": "#5c6269", "axes.labelcolor": INK, "text.color": INK, "grid.color": "#e3e6e9",
+    "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": "#5c6269", "ytick.color": "#5c6269",
+    "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
+    "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
+}
+
+
+def figure(exhibit: Exhibit) -> Figure:
+    """The picture of an exhibit; a kind nobody knows is drawn as lines."""
+    return _KINDS.get(exhibit.kind, _lines)(exhibit)
+
+
+def _record(exhibit: Exhibit) -> Figure:
+    """Measured over simulated, below it the residual, below that the torque, on one time axis."""
+    curves = dict(exhibit.curves)
+    lower = {label: curves.pop(label) for label in list(curves)
+             if label.startswith(("residual", "torque"))}
+    drawn, axes = _stack(len(lower) + 1, [3.0] + [1.2] * len(lower))
+    top = axes[0]
+    top.set_title(exhibit.title)
+    top.set_ylabel(exhibit.y)
+    for label, curve in curves.items():
+        _line(top, label, curve, **_look(label))
+    _legend(top)
+    unit = exhibit.y[exhibit.y.rfind("["):] if "[" in exhibit.y else ""
+    for axis, (label, curve) in zip(axes[1:], lower.items(), strict=True):
+        residual = label.startswith("residual")
+        if residual:
+            axis.axhline(0.0, color="#5c6269", linewidth=0.8)
+        _line(axis, label, curve, color=RED if residual else INK, linewidth=0.7 if residual else 0.9,
+              drawstyle="default" if residual else "steps-post")
+        axis.set_ylabel(label if "[" in label or not residual else f"{label}\n{unit}")
+    axes[-1].set_xlabel(exhibit.x)
+    _tight(axes, exhibit.curves)
+    return drawn
+
+
+def _recording(exhibit: Exhibit) -> Figure:
+    """One panel per signal."""
+    n = max(1, len(exhibit.curves))
+    drawn, axes = _stack(n, [1.0] * n)
+    axes[0].set_title(exhibit.title)
+    for axis, (label, curve) in zip(axes, exhibit.curves.items(), strict=False):
+        _line(axis, label, curve, color=INK, linewidth=0.9,
+              drawstyle="steps-post" if "torque" in label else "default")
+        axis.set_ylabel(label)
+    axes[-1].set_xlabel(exhibit.x)
+    _tight(axes, exhibit.curves)
+    return drawn
+
+
+def _steady(exhibit: Exhibit) -> Figure:
+    """Plateaus as points with error bars, and the line through them."""
+    drawn, axis = _one(exhibit)
+    curves = dict(exhibit.curves)
+    errors = next((curves.pop(label) for label in list(curves) if label.startswith(("error", "std"))), None)
+    for label, (x, y) in curves.items():
+        if label.startswith(("point", "plateau", "mean", "measured")):
+            bars = None if errors is None or len(errors[1]) != len(y) else 2 * np.abs(errors[1])
+            name = label if bars is None else f"{label} (bars: 2 std)"
+            axis.errorbar(x, y, bars, fmt="o", markersize=4.5, color=INK, ecolor=GREY, capsize=3, label=name,
+                          zorder=3)
+        else:
+            _line(axis, label, (x, y), color=BLUE)
+    _legend(axis)
+    return drawn
+
+
+def _correlation(exhibit: Exhibit) -> Figure:
+    """Stems over the lag inside or outside their band; limits as dashed lines."""
+    drawn, axis = _one(exhibit)
+    for label, (x, y) in exhibit.curves.items():
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        if label.startswith(("band", "97")):
+            axis.fill_between(x, -np.abs(y), np.abs(y), color=BLUE, alpha=0.15, linewidth=0, label=label)
+        elif label.startswith(("limit", "bar")):
+            for sign in (1, -1):
+                axis.plot(x, sign * np.abs(y), color=RED, linestyle="--", linewidth=1.0,
+                          label=label if sign > 0 else None)
+        elif len(x) > 120:
+            _line(axis, label, (x, y), color=INK, linewidth=1.0)
+        else:
+            axis.vlines(x, 0.0, y, color=INK, linewidth=1.1)
+            axis.plot(x, y, "o", color=INK, markersize=2.6, label=label)
+    axis.axhline(0.0, color="#5c6269", linewidth=0.8)
+    _legend(axis)
+    return drawn
+
+
+def _profile(exhibit: Exhibit) -> Figure:
+    """Loss over one parameter with the level that bounds the 95 % interval."""
+    drawn, axis = _one(exhibit)
+    for label, curve in exhibit.curves.items():
+        if "level" in label or "95" in label:
+            _line(axis, label, curve, color=RED, linestyle="--", linewidth=1.0)
+        else:
+            few = len(curve[0]) <= 60
+            _line(axis, label, curve, color=BLUE, marker="o" if few else None, markersize=3)
+    _legend(axis)
+    return drawn
+
+
+def _starts(exhibit: Exhibit) -> Figure:
+    """Where each start ended."""
+    drawn, axis = _one(exhibit)
+    for (label, (x, y)), colour in zip(exhibit.curves.items(), _CYCLE, strict=False):
+        axis.plot(x, y, "o", color=colour, markersize=5, alpha=0.8, label=label)
+    _legend(axis)
+    return drawn
+
+
+def _bode(exhibit: Exhibit) -> Figure:
+    """Magnitude over frequency, both logarithmic."""
+    drawn, axis = _one(exhibit)
+    for label, (x, y) in exhibit.curves.items():
+        x, y = np.asarray(x, float), np.asarray(y, float)
+        good = (x > 0) & (y > 0)
+        axis.plot(x[good], y[good], label=label, **_look(label))
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.grid(True, which="minor", linewidth=0.4)
+    _legend(axis)
+    return drawn
+
+
+def _lines(exhibit: Exhibit) -> Figure:
+    """Every curve as a line."""
+    drawn, axis = _one(exhibit)
+    for (label, curve), colour in zip(exhibit.curves.items(), _CYCLE * 9, strict=False):
+        _line(axis, label, curve, color=colour)
+    _legend(axis)
+    return drawn
+
+
+_KINDS = {"record": _record, "recording": _recording, "steady": _steady, "correlation": _correlation,
+          "profile": _profile, "starts": _starts, "bode": _bode}
+
+
+def _stack(n: int, heights: list[float]) -> tuple[Figure, list[Axes]]:
+    """n panels above each other on one x axis."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(8.0, 1.6 + 1.05 * sum(heights)), layout="constrained")
+    axes = drawn.subplots(n, 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    drawn.align_ylabels(list(axes))
+    return drawn, list(axes)
+
+
+def _one(exhibit: Exhibit) -> tuple[Figure, Axes]:
+    """One panel with title and labels."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(8.0, 4.5), layout="constrained")
+    axis = drawn.subplots()
+    axis.set_title(exhibit.title)
+    axis.set_xlabel(exhibit.x)
+    axis.set_ylabel(exhibit.y)
+    return drawn, axis
+
+
+def _line(axis: Axes, label: str, curve: Curve, **look: Any) -> None:
+    """A curve, thinned to what the picture can show."""
+    axis.plot(*decimated(*curve), label=label, **look)
+
+
+def _look(label: str) -> dict[str, Any]:
+    """Measured steps back in grey, what is simulated stands out."""
+    if label.startswith("measured"):
+        return {"color": GREY, "linewidth": 1.8}
+    if label.startswith(("simulat", "model", "fit")):
+        return {"color": BLUE, "linewidth": 1.1}
+    return {"color": ORANGE, "linewidth": 1.0, "linestyle": "--"}
+
+
+def _legend(axis: Axes) -> None:
+    """Between title and panel, where it covers nothing; only if there is something to tell apart."""
+    if len(axis.get_legend_handles_labels()[0]) > 1:
+        axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
+        axis.set_title(axis.get_title(loc="left"), loc="left", pad=24)
+
+
+def _tight(axes: list[Axes], curves: Mapping[str, Curve]) -> None:
+    """The time axis from the first to the last sample."""
+    ends = [np.asarray(x, float)[[0, -1]] for x, _ in curves.values() if len(x) > 1]
+    if ends:
+        low, high = min(e[0] for e in ends), max(e[1] for e in ends)
+        if high > low:
+            axes[0].set_xlim(low, high)

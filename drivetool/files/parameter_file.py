@@ -1,0 +1,255 @@
+"""The parameter file: what every step writes, the next one reads and a person edits."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+
+from drivetool.drive.chain import KNOWN_DRIVES, TOTALS, Drive, two_mass
+from drivetool.errors import BadParameters
+from drivetool.files import checked, shapes, units
+from drivetool.files.text import from_yaml
+from drivetool.identify.estimate import Covariance
+
+Result = shapes.ParameterFile | shapes.ValidationFile
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file as it was read: name without folder ('-' for standard input), hash, content."""
+
+    name: str
+    sha256: str
+    file: shapes.ParameterFile
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Parameter files in the order given; a later one wins."""
+
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def inputs(self) -> tuple[tuple[str, str], ...]:
+        """(file name, sha256) per file."""
+        return tuple((source.name, source.sha256) for source in self.sources)
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Of the last file that has any."""
+        return {k: v for k, v in self._last("noise").items() if v is not None}
+
+    @property
+    def details(self) -> Mapping[str, object]:
+        """Of the last file that has any."""
+        return self._last("details")
+
+    def drive(self, default: Drive | None = None) -> Drive:
+        """The drive of the files with their values.
+
+        default  structure where no file has a drive section, and the units of the
+                 recordings; None: two masses in the units of the files
+        raises   BadParameters: a name, unit or value the drive cannot take
+        """
+        return self.fill(self.structure(default or two_mass(*self._own_units())))
+
+    def structure(self, default: Drive) -> Drive:
+        """The chain the last drive section describes, in the units of `default`; no values."""
+        drive = replace(default, values={})
+        for source in self.sources:
+            if source.file.drive is not None:
+                drive = _shaped(source.file.drive, drive, source.name)
+        return drive
+
+    def fill(self, drive: Drive) -> Drive:
+        """`drive` with the values of all the files, converted to its units."""
+        for source in self.sources:
+            section = source.file.drive or shapes.DriveSection()
+            _same_units(section, drive, source.name)
+            values = {}
+            for name, entry in source.file.parameters.items():
+                value, unit = _written(entry)
+                if value is not None:
+                    values[name] = value * _factor(drive, name, unit, source.name)
+            _not_both(values, drive, source.name)
+            with _naming(source.name):
+                drive = drive.with_values(values)
+        return drive
+
+    def sections(self, drive: Drive) -> dict[str, shapes.ParameterSection]:
+        """What the files say about each parameter, bare numbers with the unit of `drive`."""
+        merged = {}
+        for source in self.sources:
+            for name, entry in source.file.parameters.items():
+                if not isinstance(entry, shapes.ParameterSection):
+                    entry = shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
+                merged[name] = entry
+        return merged
+
+    def covariance(self, drive: Drive) -> Covariance | None:
+        """Of the last file that has one, in the units of `drive`."""
+        import numpy as np
+
+        for source in reversed(self.sources):
+            section = source.file.covariance
+            if section is None:
+                continue
+            scale = []
+            for name in section.names:
+                _, unit = _written(source.file.parameters.get(name, 0.0))
+                scale.append(_factor(drive, name, unit, source.name))
+            matrix = np.array(section.matrix, dtype=float) * np.outer(scale, scale)
+            return Covariance(tuple(section.names), matrix)
+        return None
+
+    def _last(self, key: str) -> Mapping:
+        """A section of the last file that has anything there."""
+        found = [getattr(source.file, key) for source in self.sources]
+        return next((section for section in reversed(found) if section), {})
+
+    def _own_units(self) -> tuple[str, str]:
+        """(torque, motion) unit as the files have them; Nm and rad where they are silent."""
+        torque, motion = "Nm", "rad"
+        for source in self.sources:
+            section = source.file.drive or shapes.DriveSection()
+            torque, motion = section.torque_unit or torque, section.motion_unit or motion
+        return torque, motion
+
+
+def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) -> Loaded:
+    """Read parameter files.
+
+    paths    in the order in which they are merged; '-' is standard input
+    stdin    binary stream that '-' reads; None: the process's own
+    returns  Loaded, whose `drive` merges them
+    raises   BadParameters: a file that cannot be read or used
+    """
+    if sum(str(path) == "-" for path in paths) > 1:
+        raise BadParameters("standard input once", "'--params -' twice", "Give the second one as a file.")
+    return Loaded(tuple(_source(*read_bytes(path, stdin)) for path in paths))
+
+
+def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
+    """A parameter or validation file to show: bare numbers with their unit, names checked."""
+    name, data = read_bytes(path, stdin)
+    raw = from_yaml(data, name)
+    if raw.get("schema") == shapes.VALIDATION_SCHEMA:
+        return checked.validation_file(raw, name)
+    loaded = Loaded((_source(name, data),))
+    return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
+
+
+def _source(name: str, data: bytes) -> Source:
+    """Check what was read."""
+    shown = "standard input" if name == "-" else name
+    file = checked.parameter_file(from_yaml(data, shown), shown)
+    _square(file.covariance, shown)
+    return Source(name, hashlib.sha256(data).hexdigest(), file)
+
+
+def read_bytes(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, bytes]:
+    """(name without folder, content) of a file, or of standard input for '-'."""
+    if str(path) == "-":
+        return "-", (stdin or sys.stdin.buffer).read()
+    try:
+        return Path(path).name, Path(path).read_bytes()
+    except OSError as error:
+        raise BadParameters(f"to read {path}", error.strerror or str(error),
+                            "Check the path of the parameter file.") from None
+
+
+def _square(section: shapes.CovarianceSection | None, name: str) -> None:
+    """A covariance has one row and one column per name."""
+    if section is None:
+        return
+    n = len(section.names)
+    if [len(row) for row in section.matrix] != [n] * n:
+        raise BadParameters(f"a covariance matrix of {n} x {n}, as there are {n} names",
+                            f"{len(section.matrix)} rows of other lengths in {name}",
+                            "Correct it, or delete the whole covariance section.")
+
+
+def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
+    """The chain a drive section describes; what it leaves out is as in `drive`."""
+    _same_units(section, drive, name)
+    law = section.damping_law or drive.damping_law
+    if section.bodies is None:
+        if section.shafts is not None:
+            raise BadParameters("drive.bodies together with drive.shafts", f"only shafts in {name}",
+                                "Name the bodies from the motor outwards.")
+        if section.name is None:
+            return replace(drive, damping_law=law)
+        if section.name not in KNOWN_DRIVES:
+            raise BadParameters("a known drive, or one with its bodies and shafts",
+                                f"only the name '{section.name}' in {name}",
+                                "Add drive.bodies and drive.shafts.", KNOWN_DRIVES)
+        known = KNOWN_DRIVES[section.name](drive.torque_unit, drive.motion_unit)
+        return replace(known, damping_law=law)
+    bodies = tuple(section.bodies)
+    shafts = section.shafts
+    if shafts is None:
+        shafts = ["shaft", *(f"shaft{i}" for i in range(2, len(bodies)))][: len(bodies) - 1]
+    _chain(bodies, tuple(shafts), name)
+    return Drive(section.name or "custom", bodies, tuple(shafts), {},
+                 drive.torque_unit, drive.motion_unit, law)
+
+
+def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
+    """Names that can be told apart, and one shaft between neighbours."""
+    names = bodies + shafts
+    if not bodies or len(shafts) != len(bodies) - 1:
+        raise BadParameters("at least one body and one shaft fewer than bodies",
+                            f"{len(bodies)} bodies and {len(shafts)} shafts in {name}",
+                            "Correct drive.bodies and drive.shafts.")
+    for each in names:
+        if not each.isidentifier() or names.count(each) > 1 or each in ("total", "converter"):
+            raise BadParameters(
+                "names of bodies and shafts that are single words, each used once", f"'{each}' in {name}",
+                "Choose another name; total and converter are taken.")
+
+
+def _same_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
+    """Parameters in Nm say nothing about a recording in A."""
+    for word, wanted, found in (("torque", drive.torque_unit, section.torque_unit),
+                                ("motion", drive.motion_unit, section.motion_unit)):
+        if found not in (None, wanted):
+            raise BadParameters(
+                f"parameters for a {word} in {wanted}, the unit of the recording", f"{found} in {name}",
+                "Use parameters from a recording of the same kind, or correct the unit in the channel map.")
+
+
+def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
+    """A total and its parts in one file contradict each other, or say the same twice."""
+    for total, suffix in TOTALS.items():
+        parts = [f"{body}.{suffix}" for body in drive.bodies if f"{body}.{suffix}" in values]
+        if total in values and parts:
+            raise BadParameters(f"either {total} or its parts", f"{total} and {', '.join(parts)} in {name}",
+                                "Delete the total or the parts.")
+
+
+def _written(entry: shapes.ParameterSection | float) -> tuple[float | None, str | None]:
+    """(value, unit) as the person or the step wrote them."""
+    return (entry.value, entry.unit) if isinstance(entry, shapes.ParameterSection) else (entry, None)
+
+
+def _factor(drive: Drive, parameter: str, unit: str | None, name: str) -> float:
+    """What the written value is multiplied with."""
+    with _naming(name):
+        wanted = drive.unit(parameter)
+        return 1.0 if unit is None else units.factor(unit, wanted, parameter)
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Adds the file's name to what the drive or the unit table found wrong."""
+    try:
+        yield
+    except BadParameters as error:
+        raise BadParameters(error.wanted, f"{error.found} in {name}", error.do, error.available) from None

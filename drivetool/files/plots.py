@@ -1,0 +1,105 @@
+"""Pictures of what a step saw: one PNG per exhibit, the same bytes for the same input."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.errors import BadOption
+from drivetool.files.write import write_whole
+from drivetool.identify.estimate import Exhibit
+
+if TYPE_CHECKING:
+    from drivetool.logs.experiment import Experiment
+
+
+def draw_all(exhibits: Sequence[Exhibit], folder: str | Path, step: str,
+             records: Sequence[str] = ()) -> list[str]:
+    """Draw every exhibit.
+
+    exhibits  what the step saw; those of one kind in the order of the records
+    folder    made if it is missing
+    step      name of the step, the first part of every file name
+    records   names of the recordings
+    returns   the file names
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadOption(f"to make the folder {folder}", error.strerror or str(error),
+                        "Give --plot another folder.") from None
+    names = file_names(exhibits, step, records)
+    for exhibit, name in zip(exhibits, names, strict=True):
+        write_whole(Path(folder) / name, png(exhibit))
+    return names
+
+
+def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -> list[str]:
+    """'greybox-steps-record.png'; numbers where there is not one exhibit per record."""
+    many = Counter(exhibit.kind for exhibit in exhibits)
+    stems = [PurePath(record).stem for record in records]
+    seen: Counter[str] = Counter()
+    names = []
+    for exhibit in exhibits:
+        kind = exhibit.kind
+        index = seen[kind]
+        seen[kind] += 1
+        if many[kind] == len(stems) == len(set(stems)):
+            part = f"-{stems[index]}"
+        else:
+            part = f"-{index + 1}" if many[kind] > 1 else ""
+        names.append(f"{step}{part}-{kind}.png")
+    return names
+
+
+def png(exhibit: Exhibit) -> bytes:
+    """The picture as PNG bytes without anything that changes from run to run."""
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from drivetool.files.figures import STYLE, figure
+
+    with rc_context(STYLE):
+        drawn = figure(exhibit)
+        buffer = BytesIO()
+        FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def exhibit_of(experiment: Experiment) -> Exhibit:
+    """The recording itself, for when there is no fit to show."""
+    time = experiment.time
+    return Exhibit("recording", f"Recording {experiment.name}", "time [s]", "",
+                   {f"{role.replace('_', ' ')} [{_unit(role, experiment)}]": (time, values)
+                    for role, values in experiment.signals.items()})
+
+
+def _unit(role: str, experiment: Experiment) -> str:
+    """SI unit of a role."""
+    if role.endswith("torque"):
+        return experiment.torque_unit
+    return experiment.motion_unit + ("/s" if role.endswith("speed") else "")
+
+
+def decimated(x: np.ndarray, y: np.ndarray, bins: int = 1200) -> tuple[np.ndarray, np.ndarray]:
+    """At most 2 points per bin, the least and the greatest, so that no peak is lost.
+
+    x, y     (n,) of a curve over rising x; NaN where there is nothing
+    returns  shorter x, y in the order of x
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if len(x) <= 2 * bins:
+        return x, y
+    width = -(-len(y) // bins)
+    pad = -len(y) % width
+    rows = np.pad(y, (0, pad), mode="edge").reshape(-1, width)
+    base = np.arange(len(rows)) * width
+    low = np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1) + base
+    high = np.argmax(np.where(np.isnan(rows), -np.inf, rows), axis=1) + base
+    keep = np.minimum(np.sort(np.concatenate([low, high])), len(y) - 1)
+    return x[keep], y[keep]

@@ -1,0 +1,140 @@
+"""From what a step returned to the file it writes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from typing import Any, Literal
+
+import msgspec
+
+import drivetool
+from drivetool.check.validation import Validation
+from drivetool.drive.chain import TOTALS, Drive
+from drivetool.errors import Finding
+from drivetool.files import shapes
+from drivetool.files.text import plain, to_json, to_yaml
+from drivetool.identify.estimate import Covariance, Estimate, Parameter
+
+Form = Literal["yaml", "json"]
+Inputs = Sequence[tuple[str, str]]
+
+
+def dump_estimate(estimate: Estimate, inputs: Inputs = (), form: Form = "yaml") -> str:
+    """The parameter file as text; the same estimate gives the same bytes.
+
+    estimate  what a step returned
+    inputs    (name, sha256) of the parameter files that were read
+    form      yaml, or json with the same content
+    """
+    return dump(estimate_file(estimate, inputs), form)
+
+
+def dump_validation(validation: Validation, inputs: Inputs = (), form: Form = "yaml") -> str:
+    """The validation file as text."""
+    return dump(validation_file(validation, inputs), form)
+
+
+def dump(file: shapes.ParameterFile | shapes.ValidationFile, form: Form = "yaml") -> str:
+    """A file as text, keys in the order of its type."""
+    document = msgspec.to_builtins(file)
+    return to_json(document) if form == "json" else to_yaml(document)
+
+
+def estimate_file(estimate: Estimate, inputs: Inputs = ()) -> shapes.ParameterFile:
+    """The parameter file of an estimate, every value of its drive included."""
+    drive = estimate.drive
+    parameters = {p.name: _parameter(_told_apart(p, drive)) for p in estimate.parameters}
+    for name, value in drive.values.items():
+        if name not in parameters:
+            # Or the next step would lose what an earlier one found.
+            parameters[name] = _parameter(Parameter(
+                name, value, drive.unit(name), status="held", reason="taken over, not used in this step"))
+    order = {name: i for i, name in enumerate(drive.quantities)}
+    return shapes.ParameterFile(
+        schema=shapes.PARAMETERS_SCHEMA, tool=_tool(), step=estimate.step, outcome=estimate.outcome,
+        drive=drive_section(drive),
+        parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
+        fit=plain(estimate.fit), findings=_findings(estimate.findings),
+        covariance=_covariance(estimate.covariance), noise=plain(estimate.noise),
+        details=plain(estimate.details), data=_files(estimate.data), inputs=_files(inputs),
+        options=plain(estimate.options))
+
+
+def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:
+    """The validation file: passed means every check met every bar that was set."""
+    return shapes.ValidationFile(
+        schema=shapes.VALIDATION_SCHEMA, tool=_tool(), step="validate", verdict=validation.verdict,
+        passed=all(check.passed for check in validation.checks),
+        checks=[shapes.CheckSection(**plain(asdict(check))) for check in validation.checks],
+        findings=_findings(validation.findings), data=_files(validation.data), inputs=_files(inputs),
+        options=plain(validation.options))
+
+
+def drive_section(drive: Drive) -> shapes.DriveSection:
+    """The chain, written out in full so that the file explains itself."""
+    return shapes.DriveSection(
+        name=drive.name, bodies=list(drive.bodies), shafts=list(drive.shafts),
+        torque_unit=drive.torque_unit, motion_unit=drive.motion_unit, damping_law=drive.damping_law)
+
+
+def _parameter(parameter: Parameter) -> shapes.ParameterSection:
+    """One parameter; what is not finite becomes null with a reason."""
+    entry: dict[str, Any] = plain(asdict(parameter))
+    del entry["name"]
+    for key in ("value", "start", "std"):
+        entry[key] = _float(entry[key])
+    entry["ci95"] = entry["ci95"] and tuple(map(_float, entry["ci95"]))
+    if not entry["reason"]:
+        if entry["value"] is None:
+            entry["reason"] = "no finite value" if math.isnan(parameter.value) else "absent (infinite)"
+        elif entry["std"] is None and parameter.std is not None:
+            entry["reason"] = "the standard deviation is not finite"
+    return shapes.ParameterSection(**entry)
+
+
+def _float(value: float | None) -> float | None:
+    """A whole number as a float, so that its form in the file does not depend on luck."""
+    return None if value is None else float(value)
+
+
+def _told_apart(parameter: Parameter, drive: Drive) -> Parameter:
+    """A part whose total the drive has, or the reverse, has no value: a file must not say it twice."""
+    for total, suffix in TOTALS.items():
+        parts = [f"{body}.{suffix}" for body in drive.bodies]
+        others = parts if parameter.name == total else [total] if parameter.name in parts else []
+        known = [name for name in others if name in drive.values]
+        if known and parameter.name not in drive.values:
+            return replace(parameter, value=math.nan, std=None, ci95=None,
+                           reason=parameter.reason or f"stated as {', '.join(known)}")
+    return parameter
+
+
+def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | None:
+    """Rows and columns that are finite; None if nothing is left."""
+    if covariance is None:
+        return None
+    matrix = plain(covariance.matrix)
+    keep = [i for i, row in enumerate(matrix) if row[i] is not None]
+    rows = [[matrix[i][j] for j in keep] for i in keep]
+    if not keep or any(value is None for row in rows for value in row):
+        return None
+    return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
+
+
+def _findings(findings: Iterable[Finding]) -> list[shapes.FindingSection]:
+    """In the order in which they were found."""
+    return [shapes.FindingSection(
+        severity=f.severity, code=f.code, text=f.text, evidence=plain(f.evidence), action=f.action)
+        for f in findings]
+
+
+def _files(pairs: Iterable[tuple[str, str]]) -> list[shapes.FileSection]:
+    """(name, sha256) pairs as sections."""
+    return [shapes.FileSection(file=name, sha256=digest) for name, digest in pairs]
+
+
+def _tool() -> shapes.Tool:
+    """This program."""
+    return shapes.Tool(name="drivetool", version=drivetool.__version__)

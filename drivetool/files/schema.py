@@ -1,0 +1,45 @@
+"""JSON Schemas of all files, made from the types: `python -m drivetool.files.schema schemas`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import msgspec
+
+from drivetool.files import shapes
+from drivetool.files.write import write_whole
+
+TITLES = {
+    "parameters": "drivetool parameter file",
+    "validation": "drivetool validation file",
+    "channel-map": "drivetool channel map",
+}
+
+
+def schemas() -> dict[str, str]:
+    """File name -> JSON Schema text, sorted."""
+    from drivetool.logs.channel_map import ChannelMapFile
+
+    types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
+             "channel-map": ChannelMapFile}
+    return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
+
+
+def _text(title: str, shape: type) -> str:
+    """One schema with its title at the top."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title,
+              **msgspec.json.schema(shape)}
+    return json.dumps(schema, indent=2, sort_keys=True, ensure_ascii=True) + "\n"
+
+
+def main(folder: str) -> None:
+    """Write every schema into a folder."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for name, text in schemas().items():
+        write_whole(Path(folder) / name, text)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

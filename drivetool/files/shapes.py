@@ -1,0 +1,137 @@
+"""The on-disk shape of parameter and validation files; the JSON Schemas are made from these types."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+PARAMETERS_SCHEMA = "drivetool/parameters/1"
+VALIDATION_SCHEMA = "drivetool/validation/1"
+
+Number = float | None
+Plain = dict[str, Any]
+
+
+class Shape(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
+    """Base of every section: a key nobody knows is a typo, hence an error."""
+
+
+class Tool(Shape):
+    """The program that wrote the file."""
+
+    name: str
+    version: str
+
+
+class DriveSection(Shape):
+    """The chain of bodies: a known name, or the bodies and shafts by name."""
+
+    name: Annotated[
+        str | None, Meta(description="one-body, two-mass, three-mass or a name of your own")] = None
+    bodies: Annotated[list[str] | None, Meta(description="from the motor outwards")] = None
+    shafts: Annotated[list[str] | None, Meta(description="joining neighbours, one fewer than bodies")] = None
+    torque_unit: Annotated[
+        Literal["Nm", "N", "A"] | None, Meta(description="unit of the torque channel")] = None
+    motion_unit: Annotated[Literal["rad", "m"] | None, Meta(description="unit of the motion")] = None
+    damping_law: Annotated[
+        Literal["inside", "always"] | None,
+        Meta(description="shaft damping inside the contact only, or always")] = None
+
+
+class ParameterSection(Shape):
+    """One parameter; only the value is needed in a file written by hand."""
+
+    value: Annotated[Number, Meta(description="null where there is none; reason says why")]
+    unit: Annotated[str | None, Meta(description="converted if it is not the drive's own")] = None
+    std: Annotated[Number, Meta(description="standard deviation; null where there is none")] = None
+    ci95: Annotated[
+        tuple[Number, Number] | None, Meta(description="95 % interval, lower and upper end")] = None
+    start: Annotated[Number, Meta(description="value the fit started from")] = None
+    status: Literal["fitted", "held", "at-bound", "not-identifiable"] = "held"
+    reason: Annotated[str, Meta(description="why there is no std, or why the value was held")] = ""
+
+
+class CovarianceSection(Shape):
+    """Covariance of the fitted parameters, in their units."""
+
+    names: list[str]
+    matrix: list[list[float]]
+
+
+class FindingSection(Shape):
+    """Something a person should know."""
+
+    severity: Literal["note", "warning", "failure"]
+    code: Annotated[str, Meta(description="stable, for scripts")]
+    text: str
+    evidence: Annotated[
+        dict[str, float | int | str | None], Meta(description="the numbers behind it")] = {}
+    action: Annotated[str, Meta(description="what to do about it")] = ""
+
+
+class FileSection(Shape):
+    """A file that was read, and its SHA-256."""
+
+    file: str
+    sha256: str
+
+
+class CheckSection(Shape):
+    """One model on one record it has not seen."""
+
+    model: str
+    file: str
+    output: str
+    unit: str
+    simulation_fit_percent: Annotated[Number, Meta(description="of a free run")]
+    one_step_fit_percent: Annotated[
+        Number, Meta(description="of one-step predictions; not a simulation")]
+    rmse: Annotated[Number, Meta(description="of the free run, in unit")]
+    nrmse: Annotated[Number, Meta(description="rmse over the range of the output")]
+    r2: Number
+    n: int
+    max_correlation: Annotated[
+        Number, Meta(description="largest cross-correlation of residual and input")]
+    band: Annotated[Number, Meta(description="97 % band for one lag, Bartlett-corrected")]
+    lags_outside_percent: Number
+    correlation_p: Annotated[Number, Meta(description="family-wise, over all the lags")]
+    whiteness_p: Annotated[Number, Meta(description="of the one-step errors, information only")]
+    passed: bool
+
+
+class ParameterFile(Shape):
+    """What every step writes and the next one reads; a person may edit or write it."""
+
+    schema: Literal["drivetool/parameters/1"]
+    tool: Tool | None = None
+    step: Annotated[str, Meta(description="the step that wrote the file")] = ""
+    outcome: Annotated[str, Meta(description="how the fit ended, in one sentence")] = ""
+    drive: DriveSection | None = None
+    parameters: Annotated[
+        dict[str, ParameterSection | float],
+        Meta(description="by name; a bare number is in the drive's own unit")] = {}
+    fit: dict[str, float | int | str | None] = {}
+    findings: list[FindingSection] = []
+    covariance: CovarianceSection | None = None
+    noise: dict[str, float | None] = {}
+    details: Annotated[Plain, Meta(description="what else the step found")] = {}
+    data: Annotated[list[FileSection], Meta(description="recordings")] = []
+    inputs: Annotated[list[FileSection], Meta(description="parameter files, in the order merged")] = []
+    options: Plain = {}
+
+
+class ValidationFile(Shape):
+    """What validate writes."""
+
+    schema: Literal["drivetool/validation/1"]
+    tool: Tool
+    step: Literal["validate"]
+    verdict: str
+    passed: bool
+    checks: list[CheckSection]
+    findings: list[FindingSection]
+    data: list[FileSection]
+    inputs: list[FileSection]
+    options: Plain

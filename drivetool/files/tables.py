@@ -1,0 +1,163 @@
+"""Tables for a person: what is in a parameter or validation file, at 80 columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from drivetool.files import shapes
+
+_LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
+           "rmse": "rmse of the simulation", "n": "samples"}
+_COLOURS = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
+_ORDER = ("failure", "warning", "note")
+
+
+def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
+    """Parameters, why some have no +-, and the fit figures.
+
+    file     its parameters as sections, not bare numbers
+    console  where to; colours only on a terminal
+    """
+    console.print(parameter_table(file.parameters))
+    for name, entry in file.parameters.items():
+        if entry.reason:
+            console.print(Text(f"  {name}: {entry.reason}", style="dim"))
+    if any(entry.reason for entry in file.parameters.values()):
+        console.print()
+    for line in fit_lines(file.fit):
+        console.print(Text(f"  {line}"))
+
+
+def print_validation(file: shapes.ValidationFile, console: Console) -> None:
+    """One row per model and record, the cross table if there are several of both, the verdict."""
+    for output in dict.fromkeys(check.output for check in file.checks):
+        checks = [check for check in file.checks if check.output == output]
+        console.print(check_table(checks))
+        models, files = _names(checks, "model"), _names(checks, "file")
+        if len(models) > 1 and len(files) > 1:
+            console.print(cross_table(checks))
+    console.print(Text(f"  {file.verdict}", style="green" if file.passed else "bold red"))
+
+
+def print_findings(findings: Sequence[shapes.FindingSection], console: Console) -> None:
+    """By severity, each with what to do about it."""
+    for severity in _ORDER:
+        for finding in findings:
+            if finding.severity == severity:
+                text = Text.assemble((severity, _COLOURS[severity]), f" {finding.code}: {finding.text}")
+                if finding.action:
+                    text.append(f" {finding.action}")
+                console.print(text, soft_wrap=not console.is_terminal)
+
+
+def parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
+    """Parameter, value, unit, +- (one std), %, start, status; held ones dimmed."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
+    table.add_column("parameter", overflow="fold", min_width=min(24, max(map(len, parameters), default=9)))
+    for title, side in (("value", "right"), ("unit", "left"), ("+- (std)", "right"), ("%", "right"),
+                        ("start", "right")):
+        table.add_column(title, justify=side, no_wrap=True)
+    table.add_column("status", overflow="fold")
+    for name, entry in parameters.items():
+        value, std = rounded(entry.value, entry.std)
+        cells = (name, value, entry.unit or "", std, percent(entry.value, entry.std),
+                 short(entry.start), entry.status.replace("not-", "not "))
+        table.add_row(*map(Text, cells), style=_row_style(entry.status))
+    return table
+
+
+def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """One row per model and record, for one output."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
+                  title=Text(f"checked on {checks[0].output}"), title_justify="left")
+    table.add_column("model", overflow="fold")
+    table.add_column("record", overflow="fold")
+    for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
+                  "lags out %"):
+        table.add_column(title, justify="right", min_width=max(map(len, title.split())))
+    table.add_column("bars", no_wrap=True)
+    for check in checks:
+        cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent),
+                 short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
+                 short(check.lags_outside_percent, 2))
+        mark = Text("met", "green") if check.passed else Text("missed", "bold red")
+        table.add_row(*map(Text, cells), mark)
+    return table
+
+
+def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """Simulation fit in % of every model (row) on every record (column)."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
+                  title=Text("simulation fit %: model (row) on record (column)"),
+                  title_justify="left")
+    table.add_column("model", overflow="fold")
+    files = _names(checks, "file")
+    for name in files:
+        table.add_column(Text(_stem(name)), justify="right", overflow="fold", min_width=6)
+    fits = {(check.model, check.file): check.simulation_fit_percent for check in checks}
+    for model in _names(checks, "model"):
+        table.add_row(Text(_stem(model)), *(Text(short(fits.get((model, name)))) for name in files))
+    return table
+
+
+def fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
+    """The fit figures, simulation and one-step named as such."""
+    lines = []
+    for key, value in fit.items():
+        label = _LABELS.get(key, key.removesuffix("_percent").replace("_", " "))
+        text = value if isinstance(value, str) else short(value, 6)
+        lines.append(f"{label:<24}{text}{' %' if key.endswith('_percent') and value is not None else ''}")
+    return lines
+
+
+def rounded(value: float | None, std: float | None) -> tuple[str, str]:
+    """Value and +- to the same digit: two significant ones of the std.
+
+    value, std  None where there is none
+    returns     ('0.5871', '0.0012'); '-' where there is none
+    """
+    if value is None:
+        return "-", "-" if std is None else f"{std:.1e}"
+    if not std:
+        return short(value, 5), "-" if std is None else "0"
+    last = int(f"{std:.1e}".partition("e")[2]) - 1  # power of ten of the last digit shown
+    if -6 <= last <= 3 and abs(value) < 1e7:
+        return f"{round(value, -last):.{max(0, -last)}f}", f"{round(std, -last):.{max(0, -last)}f}"
+    first = math.floor(math.log10(abs(value))) if value else last + 1
+    return f"{value:.{max(0, first - last)}e}", f"{std:.1e}"
+
+
+def percent(value: float | None, std: float | None) -> str:
+    """The std in % of the value."""
+    if not value or std is None:
+        return "-"
+    share = 100 * std / abs(value)
+    return f"{share:.0f}" if 10 <= share < 1e4 else f"{share:#.2g}"
+
+
+def short(value: float | int | None, digits: int = 4) -> str:
+    """A number in a few digits; '-' where there is none."""
+    if value is None:
+        return "-"
+    return str(value) if isinstance(value, int) else f"{value:.{digits}g}"
+
+
+def _row_style(status: str) -> str:
+    """What was not fitted steps back; what needs a look stands out."""
+    return {"held": "dim", "at-bound": "yellow", "not-identifiable": "yellow"}.get(status, "")
+
+
+def _names(checks: Iterable[shapes.CheckSection], field: str) -> list[str]:
+    """Models or files, each once, in the order given."""
+    return list(dict.fromkeys(getattr(check, field) for check in checks))
+
+
+def _stem(name: str) -> str:
+    """A file name without its suffix, which only costs width."""
+    return name.rpartition(".")[0] or name

@@ -1,0 +1,139 @@
+"""YAML and JSON text, in and out: the same value always gives the same bytes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from drivetool.errors import BadParameters
+
+# YAML 1.1, which PyYAML follows, takes 1e-5 for text; a person who writes it means a number.
+_NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
+_LARGEST = 1.797693134e308
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that also refuses a key written twice."""
+
+    def construct_mapping(self, node, deep=False):
+        """The mapping, unless two keys are the same: one of them would be lost silently."""
+        seen = set()
+        for key, _ in getattr(node, "value", ()):
+            if isinstance(key, yaml.ScalarNode) and key.tag != "tag:yaml.org,2002:merge":
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"key '{key.value}' for the second time", key.start_mark)
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Safe dumper: numbers as `number_text`, lists of plain values on one line."""
+
+    def ignore_aliases(self, data):
+        """Never anchors: a person edits the file."""
+        return True
+
+
+def number_text(value: float) -> str:
+    """A finite float with 10 significant digits that YAML 1.1 reads as a float again.
+
+    value    any finite float
+    returns  for example '0.5871', '3310.0', '1.0e-05'
+    """
+    text = f"{_rounded(value):.10g}"
+    mantissa, e, exponent = text.partition("e")
+    if "." not in mantissa:
+        mantissa += ".0"
+    return mantissa + e + exponent
+
+
+def _rounded(value: float) -> float:
+    """10 significant digits; minus zero becomes zero, and rounding never overflows."""
+    rounded = float(f"{value:.10g}")
+    if math.isinf(rounded):
+        return math.copysign(_LARGEST, value)
+    return rounded if rounded else 0.0
+
+
+def plain(value: Any) -> Any:
+    """Mappings, lists, text, whole numbers and rounded floats only; NaN and infinity are None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return _rounded(float(value)) if math.isfinite(value) else None
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy
+        return plain(value.tolist())
+    raise TypeError(f"{type(value).__name__} has no place in a file; give numbers, text, lists or mappings")
+
+
+def to_yaml(document: Mapping[str, Any]) -> str:
+    """ASCII block YAML in the order given; lists of plain values on one line."""
+    return yaml.dump(plain(document), Dumper=_Dumper, sort_keys=False, default_flow_style=False,
+                     allow_unicode=False, width=110)
+
+
+def to_json(document: Mapping[str, Any]) -> str:
+    """The same content as `to_yaml`, as indented ASCII JSON."""
+    return json.dumps(plain(document), indent=2, ensure_ascii=True, allow_nan=False) + "\n"
+
+
+def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
+    """The mapping in a YAML text, read safely.
+
+    data    the text, or its bytes in UTF-8
+    name    of the file, for messages
+    raises  BadParameters: not UTF-8, not YAML, empty, a key twice, or not a mapping
+    """
+    wanted = "a YAML file with a mapping of keys"
+    try:
+        text = data.decode("utf-8-sig") if isinstance(data, bytes) else data
+        value = yaml.load(text, Loader=_Loader)
+    except UnicodeDecodeError:
+        raise BadParameters(
+            wanted, f"bytes in {name} that are not UTF-8 text",
+            "Check that the right file was given, a log goes without --params.") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1} of " if mark else ""
+        problem = (getattr(error, "problem", None) or "something that is not YAML").removeprefix("found ")
+        raise BadParameters(wanted, f"{problem} in {place}{name}",
+                            "Correct the line; indent with spaces, not tabs.") from None
+    if value is None:
+        raise BadParameters(
+            wanted, f"{name} empty",
+            "Give a parameter file; the step before this one may have failed.")
+    if not isinstance(value, dict):
+        raise BadParameters(wanted, f"a {_kind(value)} in {name}",
+                            "Check that the right file was given.")
+    return value
+
+
+def _kind(value: Any) -> str:
+    """The YAML word for a value's type."""
+    return {list: "list", str: "text", bool: "boolean", int: "number", float: "number"}.get(
+        type(value), type(value).__name__)
+
+
+def _short(items: list[Any]) -> bool:
+    """Whether a list reads best on one line."""
+    return all(not isinstance(item, dict | list) and len(str(item)) <= 40 for item in items)
+
+
+_FLOAT = "tag:yaml.org,2002:float"
+for _class in (_Loader, _Dumper):
+    _class.add_implicit_resolver(_FLOAT, _NUMBER, list("-+.0123456789"))
+_Dumper.add_representer(float, lambda dumper, value: dumper.represent_scalar(_FLOAT, number_text(value)))
+_Dumper.add_representer(list, lambda dumper, items: dumper.represent_sequence(
+    "tag:yaml.org,2002:seq", items, flow_style=_short(items)))

@@ -1,0 +1,116 @@
+"""Units of parameters that a person may write: 'kg cm^2', 'Nm/deg', 'mrad' ..."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from drivetool.errors import BadParameters
+
+# symbol -> (factor to SI, exponents of kg, m, s, A, rad). The radian counts as a dimension of
+# its own, so that a stiffness in Nm is not taken for one in Nm/rad.
+_FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
+_ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
+    "": (1.0, (0, 0, 0, 0, 0)),
+    "1": (1.0, (0, 0, 0, 0, 0)),
+    "-": (1.0, (0, 0, 0, 0, 0)),
+    "%": (0.01, (0, 0, 0, 0, 0)),
+    "g": (1e-3, (1, 0, 0, 0, 0)),
+    "kg": (1.0, (1, 0, 0, 0, 0)),
+    "t": (1e3, (1, 0, 0, 0, 0)),
+    "um": (1e-6, (0, 1, 0, 0, 0)),
+    "mm": (1e-3, (0, 1, 0, 0, 0)),
+    "cm": (1e-2, (0, 1, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0, 0)),
+    "us": (1e-6, (0, 0, 1, 0, 0)),
+    "ms": (1e-3, (0, 0, 1, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0)),
+    "mA": (1e-3, (0, 0, 0, 1, 0)),
+    "A": (1.0, (0, 0, 0, 1, 0)),
+    "kA": (1e3, (0, 0, 0, 1, 0)),
+    "urad": (1e-6, (0, 0, 0, 0, 1)),
+    "mrad": (1e-3, (0, 0, 0, 0, 1)),
+    "rad": (1.0, (0, 0, 0, 0, 1)),
+    "deg": (math.pi / 180, (0, 0, 0, 0, 1)),
+    "rev": (2 * math.pi, (0, 0, 0, 0, 1)),
+    "Hz": (2 * math.pi, (0, 0, -1, 0, 1)),
+    "rpm": (math.pi / 30, (0, 0, -1, 0, 1)),
+    "mN": (1e-3, _FORCE),
+    "N": (1.0, _FORCE),
+    "kN": (1e3, _FORCE),
+    "MN": (1e6, _FORCE),
+    "mNm": (1e-3, _TORQUE),
+    "Ncm": (1e-2, _TORQUE),
+    "Nm": (1.0, _TORQUE),
+    "Nms": (1.0, (1, 2, -1, 0, 0)),
+    "kNm": (1e3, _TORQUE),
+    "MNm": (1e6, _TORQUE),
+}
+_TOKEN = re.compile(r"\s*(?:(?P<atom>[A-Za-z%]+|1|-(?=\s*$))(?:\^|\*\*)?(?P<power>-?\d)?|(?P<op>[/()*]))")
+_REPLACED = {"kgm": "kg m", "kgcm": "kg cm", "kgmm": "kg mm",
+             "²": "^2", "³": "^3", "·": "*", "µ": "u", "μ": "u", "°": "deg"}
+
+
+def factor(unit: str, wanted: str, what: str) -> float:
+    """What a number in `unit` is multiplied with to be in `wanted`.
+
+    unit    as a person wrote it
+    wanted  the drive's own unit, for example 'kg m^2'
+    what    the parameter, for the message
+    raises  BadParameters: a unit nobody knows, or of another kind
+    """
+    if unit == wanted:
+        return 1.0
+    try:
+        (scale, kind), (base, target) = _parse(unit), _parse(wanted)
+    except ValueError:
+        scale, kind, base, target = 1.0, None, 1.0, ()
+    if wanted == "kg m^2" and kind:
+        kind = (*kind[:4], 0)  # Nm s^2/rad is the same inertia
+    if kind != target:
+        raise BadParameters(f"{what} in {wanted or 'no unit (a plain number)'}", f"unit '{unit}'",
+                            "Convert the value, or write the unit as in 'kg cm^2' or 'Nm/rad'.")
+    return scale / base
+
+
+def _parse(text: str) -> tuple[float, tuple[int, ...]]:
+    """(factor to SI, exponents) of a unit; ValueError if it cannot be read."""
+    for old, new in _REPLACED.items():
+        text = text.replace(old, new)
+    tokens, at = [], 0
+    while at < len(text.rstrip()):
+        match = _TOKEN.match(text, at)
+        if not match:
+            raise ValueError(text)
+        tokens.append(match)
+        at = match.end()
+    result, rest = _product(tokens)
+    if rest:
+        raise ValueError(text)
+    return result
+
+
+def _product(tokens: list[re.Match]) -> tuple[tuple[float, tuple[int, ...]], list[re.Match]]:
+    """Read factors up to the end or a closing bracket; a slash divides by the next factor."""
+    scale, kind, sign = 1.0, (0, 0, 0, 0, 0), 1
+    while tokens and tokens[0]["op"] != ")":
+        token, tokens = tokens[0], tokens[1:]
+        if token["op"] in ("/", "*"):
+            sign = -1 if token["op"] == "/" else 1
+            continue
+        if token["op"] == "(":
+            (size, dims), tokens = _product(tokens)
+            if not tokens:
+                raise ValueError("bracket")
+            tokens, power = tokens[1:], sign
+        elif token["atom"] in _ATOMS:
+            size, dims = _ATOMS[token["atom"]]
+            power = sign * int(token["power"] or 1)
+        else:
+            raise ValueError(token[0])
+        scale *= size**power
+        kind = tuple(a + power * b for a, b in zip(kind, dims, strict=True))
+        sign = 1
+    if sign < 0:
+        raise ValueError("nothing after the slash")
+    return (scale, kind), tokens

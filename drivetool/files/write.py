@@ -1,0 +1,68 @@
+"""Files written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+from drivetool.errors import BadOption
+
+
+def check_target(path: str | Path) -> Path:
+    """The path, if a file could be written there; so that a long fit is not lost at its end.
+
+    raises  BadOption: the folder is missing or cannot be written to, or the path is a folder
+    """
+    path = Path(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise BadOption(f"an existing folder to write {path.name} to", f"no folder {folder}",
+                        "Make the folder first, or give another path.")
+    if path.is_dir():
+        raise BadOption("a file name to write to", f"the folder {path}", "Add a file name.")
+    if not os.access(folder, os.W_OK):
+        raise BadOption(f"the right to write to the folder {folder}", "none",
+                        "Change its rights, or give another path.")
+    return path
+
+
+def write_whole(path: str | Path, content: str | bytes) -> None:
+    """Write a file so that no reader ever sees half of it.
+
+    path     target; replaced if it exists
+    content  text (written as UTF-8 with \\n) or bytes
+    raises   BadOption: see `check_target`; or the disk is full
+    """
+    path = check_target(path)
+    folder = path.parent
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    temporary = None
+    try:
+        # In the same folder, because a rename is atomic only within one file system.
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=folder)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, _mode(path))
+        os.replace(temporary, path)
+    except BaseException as error:
+        if temporary:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        if isinstance(error, OSError):
+            raise BadOption(f"to write {path}", error.strerror or str(error),
+                            "Check the rights and the free space, or give another path.") from error
+        raise
+
+
+def _mode(path: Path) -> int:
+    """The rights of the file replaced, or those a new file would get."""
+    try:
+        return path.stat().st_mode & 0o777
+    except FileNotFoundError:
+        mask = os.umask(0)
+        os.umask(mask)
+        return 0o666 & ~mask

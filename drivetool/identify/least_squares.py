@@ -1,0 +1,113 @@
+"""Levenberg-Marquardt on block-arrow normal equations, with bounds.
+
+Start states of the traces are eliminated by a Schur complement, so the cost of a step does not
+grow with their number. A rejected trial costs a simulation without sensitivities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.drive.simulate import Gains
+from drivetool.identify.problem import Normal, Point, Problem
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a fit ended: the point, its normal equations, iterations, and whether it converged."""
+
+    point: Point
+    normal: Normal
+    iterations: int
+    converged: bool
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared weighted residuals."""
+        return self.normal.cost
+
+
+def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, *,
+          most: int = 60, relative: float = 1e-8, damping: float = 1e-3) -> Solution:
+    """Minimise the weighted squared residuals from a point.
+
+    problem   k parameters, traces with m free start states each
+    gains     frozen observers, one per trace, for one-step errors; None: simulation errors
+    most      iterations; relative: decrease of the cost at which the fit has converged
+    returns   Solution
+    """
+    normal = problem.normal(point, gains)
+    for iteration in range(1, most + 1):
+        accepted = None
+        while accepted is None and damping < 1e12:
+            step, own = _step(problem, point, normal, damping)
+            trial = problem.moved(point, step, own)
+            if _too_far(problem, point, trial):
+                damping *= 4.0
+                continue
+            cost = problem.cost(trial, gains)
+            if cost < normal.cost:
+                accepted = trial
+            else:
+                damping *= 4.0
+        if accepted is None:
+            return Solution(point, normal, iteration, True)
+        done = normal.cost - cost < relative * normal.cost
+        point, damping = accepted, max(damping / 8.0, 1e-12)
+        normal = problem.normal(point, gains)
+        if done:
+            return Solution(point, normal, iteration, True)
+    return Solution(point, normal, most, False)
+
+
+def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
+    """(k,) whether a parameter sits on a bound and the cost falls beyond it."""
+    at_low = (point.values <= problem.low) & (normal.slope > 0.0)
+    at_high = (point.values >= problem.high) & (normal.slope < 0.0)
+    return at_low | at_high
+
+
+def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated."""
+    matrix, slope, inverses = normal.shared.copy(), normal.slope.copy(), []
+    for cross, own, own_slope in zip(normal.cross, normal.own, normal.own_slope, strict=True):
+        inverse = _inverse(own, damping)
+        matrix -= cross @ inverse @ cross.T
+        slope -= cross @ (inverse @ own_slope)
+        inverses.append(inverse)
+    return matrix, slope, inverses
+
+
+def _inverse(own: np.ndarray, damping: float) -> np.ndarray:
+    """Inverse of a start-state block; a state without influence does not move."""
+    size = np.sqrt(np.diag(own))
+    size[size == 0.0] = 1.0
+    scaled = own / np.outer(size, size) + (damping + 1e-12) * np.eye(len(own))
+    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
+
+
+def _step(problem: Problem, point: Point, normal: Normal, damping: float):
+    matrix, slope, inverses = schur(normal, damping)
+    size = np.sqrt(np.diag(normal.shared))
+    size[size == 0.0] = 1.0
+    move = ~blocked(problem, point, normal) & (np.diag(normal.shared) > 0.0)
+    step = np.zeros(len(slope))
+    if move.any():
+        i = np.flatnonzero(move)
+        scaled = matrix[np.ix_(i, i)] / np.outer(size[i], size[i]) + damping * np.eye(len(i))
+        step[i] = -np.linalg.lstsq(scaled, slope[i] / size[i], rcond=1e-14)[0] / size[i]
+    bounded = np.clip(point.values + step, problem.low, problem.high) - point.values
+    own = [-inverse @ (own_slope + cross.T @ bounded) for cross, inverse, own_slope
+           in zip(normal.cross, inverses, normal.own_slope, strict=True)]
+    return bounded, own
+
+
+def _too_far(problem: Problem, point: Point, trial: Point) -> bool:
+    """Half the value at most: the model is not linear over more than that."""
+    change = np.abs(trial.values - point.values)
+    if np.any(change > 0.5 * np.abs(point.values) + problem.size):
+        return True
+    return not all(np.all(np.isfinite(s)) for s in trial.starts)

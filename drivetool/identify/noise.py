@@ -1,0 +1,118 @@
+"""The noise model of the innovations fit: sensor noise, and torque noise through the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+
+from drivetool.drive.simulate import Filtered
+from drivetool.identify.problem import Point, Problem
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Torque noise relative to sensor noise.
+
+    ratio   std of the torque noise per sample over the std of the first sensor
+    memory  its correlation from sample to sample; None: white
+    scale   (ny,) std of the sensors relative to the first
+    """
+
+    ratio: float
+    memory: float | None
+    scale: np.ndarray
+
+
+def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) -> list[Filtered]:
+    """One Kalman pass per trace at a point. The start states are parameters, hence known here."""
+    passes = []
+    problem = problem.with_memory(noise.memory)
+    for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
+                               strict=True):
+        nx = plant.system.nx
+        extra, covariance, white = np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        if noise.memory is not None:
+            extra[-1] = white * (1.0 - noise.memory**2)
+            covariance[-1, -1] = white
+            white = 0.0
+            start = np.append(start, 0.0) if len(start) < nx else start
+        passes.append(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep))
+    return passes
+
+
+def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
+    """Gaussian, up to a constant, with the sensor variance profiled out."""
+    squares, logs, count = 0.0, 0.0, 0
+    for f in passes:
+        known = np.isfinite(f.innovations)
+        squares += float(np.sum(f.innovations[known] ** 2 / f.variance[known]))
+        logs += float(np.sum(np.log(f.variance[known])))
+        count += int(known.sum())
+    if not np.isfinite(squares) or squares <= 0.0:
+        return np.inf
+    return 0.5 * count * np.log(squares / count) + 0.5 * logs
+
+
+def natural_ratio(problem: Problem, point: Point) -> float:
+    """The ratio at which one sample of torque noise moves the first output by its sensor noise."""
+    plant = problem.with_memory(None).plants(point.values, False)[0]
+    t = problem.traces[0]
+    h, s = t.step, plant.system
+    a, b = s.rows[:, :s.nx, 0] / s.mass[:, :1], s.rows[:, s.nx, 0] / s.mass[:, 0]
+    row, gain, factor = s.outputs[0, :, 0], 0.0, h
+    for k in range(6):
+        gain = abs(row @ b) * factor
+        if gain > 0.0:
+            break
+        b, factor = a @ b, factor * h / (k + 2)
+    return 1.0 / gain if gain > 0.0 else 1.0
+
+
+def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None = None) -> Noise:
+    """Maximum likelihood of the noise ratio (and memory) at fixed parameters.
+
+    around  a ratio to search near; None: over eight decades
+    """
+    def value(logs: np.ndarray) -> float:
+        memory = None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1])))
+        trial = replace(noise, ratio=float(np.exp(logs[0])), memory=memory)
+        return minus_log_likelihood(filtered(problem, point, trial, keep=False))
+
+    if noise.memory is not None:
+        start = np.array([np.log(noise.ratio), np.log(noise.memory / (1.0 - noise.memory))])
+        found = minimize(value, start, method="Nelder-Mead",
+                         options={"xatol": 0.02, "fatol": 0.02, "maxiter": 60,
+                                  "initial_simplex": start + np.array([[0, 0], [0.7, 0], [0, 0.7]])})
+        return replace(noise, ratio=float(np.exp(found.x[0])),
+                       memory=float(1.0 / (1.0 + np.exp(-found.x[1]))))
+    if around is None:
+        middle = np.log(natural_ratio(problem, point))
+        grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
+    else:
+        grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
+    best = _parabola(lambda g: value(np.array([g])), grid)
+    return replace(noise, ratio=float(np.exp(best)))
+
+
+def _parabola(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4) -> float:
+    """Minimum of a function of one variable: grid, then parabolas through the best three."""
+    x, y = list(grid), [value(g) for g in grid]
+    for _ in range(rounds):
+        order = np.argsort(x)
+        x, y = [x[i] for i in order], [y[i] for i in order]
+        i = int(np.argmin(y))
+        if i in (0, len(x) - 1):
+            break
+        (a, b, c), (fa, fb, fc) = x[i - 1:i + 2], y[i - 1:i + 2]
+        curve = (b - a) * (fb - fc) - (b - c) * (fb - fa)
+        if not np.isfinite(curve) or curve == 0.0:
+            break
+        t = b - 0.5 * ((b - a) ** 2 * (fb - fc) - (b - c) ** 2 * (fb - fa)) / curve
+        if not a < t < c or min(abs(t - k) for k in x) < 2e-3:
+            break
+        x.append(t)
+        y.append(value(t))
+    return x[int(np.argmin(y))]

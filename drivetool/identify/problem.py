@@ -1,0 +1,122 @@
+"""What is fitted to what: free parameters, traces with their start states, the model between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drivetool.drive.simulate import Gains, Plant, Trace
+
+
+@dataclass(frozen=True)
+class Point:
+    """Values of the unknowns: free parameters (k,) and one start state (nx,) per trace."""
+
+    values: np.ndarray
+    starts: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of a point, block arrow: shared parameters and start states per trace.
+
+    shared  (k, k); cross: per trace (k, m); own: per trace (m, m)
+    slope   (k,) gradient of half the cost; own_slope: per trace (m,)
+    cost    sum of squared weighted residuals
+    """
+
+    shared: np.ndarray
+    cross: tuple[np.ndarray, ...]
+    own: tuple[np.ndarray, ...]
+    slope: np.ndarray
+    own_slope: tuple[np.ndarray, ...]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A least-squares problem over traces.
+
+    build      (values (k,), trace, gradient, memory) -> Plant
+    names      of the k free parameters; low, high, size: bounds and typical size of each
+    traces     stretches of record
+    free_start index of the states whose start value is estimated
+    scale      (ny,) sensor standard deviations relative to the first output
+    memory     correlation of the torque disturbance state from sample to sample, or None
+    """
+
+    build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    size: np.ndarray
+    traces: tuple[Trace, ...]
+    free_start: np.ndarray
+    scale: np.ndarray
+    memory: float | None = None
+    fixed: tuple[str, ...] = field(default=())
+
+    @property
+    def count(self) -> int:
+        """Number of measured values."""
+        return int(sum(np.isfinite(t.outputs).sum() for t in self.traces))
+
+    @property
+    def unknowns(self) -> int:
+        """Number of estimated values, start states included."""
+        return len(self.names) + len(self.traces) * len(self.free_start)
+
+    def restricted(self, keep: Sequence[bool]) -> np.ndarray:
+        """Indices of the kept parameters."""
+        return np.flatnonzero(np.asarray(keep))
+
+    def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
+        """A plant per trace; traces with one step share theirs."""
+        made: dict[float, Plant] = {}
+        for t in self.traces:
+            if t.step not in made:
+                made[t.step] = self.build(values, t, gradient, self.memory)
+        return [made[t.step] for t in self.traces]
+
+    def normal(self, point: Point, gains: Sequence[Gains] | None = None) -> Normal:
+        """Normal equations at a point."""
+        k, own_columns = len(self.names), None
+        shared, slope, cost = np.zeros((k, k)), np.zeros(k), 0.0
+        cross, own, own_slope = [], [], []
+        for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, True), strict=True)):
+            g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
+            own_columns = plant.system.nq + self.free_start
+            shared += g[:k, :k]
+            slope += g[:k, -1]
+            cost += g[-1, -1]
+            cross.append(g[:k][:, own_columns])
+            own.append(g[np.ix_(own_columns, own_columns)])
+            own_slope.append(g[own_columns, -1])
+        return Normal(shared, tuple(cross), tuple(own), slope, tuple(own_slope), float(cost))
+
+    def cost(self, point: Point, gains: Sequence[Gains] | None = None) -> float:
+        """Sum of squared weighted residuals at a point; infinite if the model diverges."""
+        total = 0.0
+        for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, False), strict=True)):
+            g = gains[i] if gains else None
+            r = plant.outputs(t, point.starts[i], g) - t.outputs
+            r *= g.weight if g else 1.0 / self.scale
+            r = r[np.isfinite(t.outputs)]
+            total += float(r @ r)
+        return total if np.isfinite(total) else np.inf
+
+    def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:
+        """The point after a step, inside the bounds."""
+        values = np.clip(point.values + step, self.low, self.high)
+        starts = []
+        for start, change in zip(point.starts, own, strict=True):
+            new = start.copy()
+            new[self.free_start] += change
+            starts.append(new)
+        return Point(values, tuple(starts))
+
+    def with_memory(self, memory: float | None) -> Problem:
+        """The same problem with another torque disturbance memory."""
+        return replace(self, memory=memory)

@@ -1,0 +1,181 @@
+"""From experiments and a drive to a least-squares problem with a first guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Plant, Trace
+from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.problem import Point, Problem
+from drivetool.logs.experiment import Experiment
+
+INPUTS = ("motor_torque", "load_torque", "motor2_torque")
+# Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
+# measurement and must not count twice.
+SENSORS = (("motor_speed", "motor_angle"), ("load_speed", "load_angle"), ("shaft_torque",))
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Which roles drive the model and which it is compared with."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
+    """The roles that every recording has and the drive knows.
+
+    raises  BadRecording: no motor torque, or no sensor
+    """
+    if not experiments:
+        raise NotEnoughData("at least one recording", "none", "Name a log file.")
+    common = set.intersection(*(set(e.signals) for e in experiments))
+    for e in experiments:
+        e.signal("motor_torque", "the drive's input")
+    inputs = tuple(r for r in INPUTS if r in common and (r != "motor2_torque" or "motor2" in drive.bodies))
+    outputs = []
+    for choices in SENSORS:
+        if choices[0] != "motor_speed" and not drive.shafts:
+            continue
+        outputs += [r for r in choices if r in common][:1]
+    if not outputs:
+        raise BadRecording(
+            "a motor speed or motor angle", "neither in every recording",
+            "Name its channel in the channel map.", sorted(common))
+    return Roles(inputs, tuple(outputs))
+
+
+def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0) -> tuple[Trace, ...]:
+    """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero."""
+    found = []
+    for e in experiments:
+        u = np.column_stack([e.signals[r] for r in roles.inputs])
+        y = np.column_stack([e.signals[r] for r in roles.outputs])
+        for first, last in e.segments:
+            pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
+            edges = np.linspace(first, last, pieces + 1).round().astype(int)
+            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name)
+                      for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 10]
+    if not found:
+        raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
+    return tuple(found)
+
+
+def plant_of(drive: Drive, layout: Layout) -> Plant:
+    """The drive as something that runs."""
+    dead_time = drive.value("converter.dead_time") or 0.0
+    return Plant(Assembly(drive, layout).system(), int(dead_time / layout.step + 1e-9))
+
+
+def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:
+    """The drive with some values replaced, bounds unchecked: for trial points."""
+    return replace(drive, values={**drive.values, **dict(zip(names, map(float, values), strict=True))})
+
+
+def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
+    """The problem of fitting some parameters of a drive to traces.
+
+    free     parameter names; the others keep their value
+    returns  Problem whose start states are the speeds, twists and angle
+    """
+    free = tuple(free)
+
+    def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
+        layout = Layout(free, roles.inputs, roles.outputs, trace.step, memory, gradient)
+        return plant_of(replaced(drive, free, values), layout)
+
+    quantities = [drive.quantity(n) for n in free]
+    plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
+    start = [i for i, name in enumerate(plain.states) if not name.startswith("converter")]
+    return Problem(
+        build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
+        np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces))
+
+
+def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
+    """(ny,) first guess of the sensors' std relative to the first, from third differences.
+
+    They remove what a drive does smoothly between samples and leave the white noise.
+    """
+    ny = traces[0].outputs.shape[1]
+    spread = np.zeros(ny)
+    for m in range(ny):
+        d = np.concatenate([np.diff(t.outputs[:, m], 3) for t in traces])
+        d = d[np.isfinite(d)]
+        spread[m] = np.sqrt(np.mean(d**2) / 20.0) if len(d) else 0.0
+    spread[spread <= 0.0] = max(spread.max(), 1e-12)
+    return spread / spread[0]
+
+
+def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
+    """Start states as if every trace began in steady motion."""
+    return tuple(_steady_state(drive, roles, t) for t in traces)
+
+
+def _steady_state(drive: Drive, roles: Roles, trace: Trace) -> np.ndarray:
+    layout = Layout((), roles.inputs, roles.outputs, trace.step, gradient=False)
+    plain = Assembly(drive, layout)
+    x = np.zeros(plain.nx)
+    speed = _motor_speed(roles, trace)
+    n = len(drive.bodies)
+    speeds = [speed]
+    for _, _, ratio in plain.shafts:
+        speeds.append(speeds[-1] / ratio.v)
+    x[:n] = speeds
+    below = 0.0  # torque that everything beyond a shaft asks of it
+    for k in range(n - 2, -1, -1):
+        body = k + 1
+        below += plain.of_body(body, "viscous").v * speeds[body] + plain.of_body(body, "idle_torque").v
+        below += plain.of_body(body, "coulomb").v * np.sign(speeds[body])
+        stiffness, _, ratio = plain.shafts[k]
+        gap = plain.gaps[k].v if k in plain.gaps else 0.0
+        x[n + k] = below / stiffness.v + gap * np.sign(below)
+        below /= ratio.v
+    if "angle" in plain.states:
+        x[plain.states.index("angle")] = _first_angle(plain, roles, trace, x)
+    if "converter" in plain.states:
+        x[plain.states.index("converter")] = trace.inputs[0, 0]
+    return x
+
+
+def _first_angle(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> float:
+    """Motor angle at the start from whichever angle is there."""
+    for m, role in enumerate(roles.outputs):
+        if role.endswith("angle"):
+            row, _ = plain.output(role)
+            column = plain.states.index("angle")
+            rest = sum(dual.v * x[j] for j, dual in row.items() if j != column)
+            known = trace.outputs[np.isfinite(trace.outputs[:, m]), m]
+            return float((known[0] - rest) / row[column].v) if len(known) else 0.0
+    return 0.0
+
+
+def _motor_speed(roles: Roles, trace: Trace) -> float:
+    """Speed over the first samples: the mean, or the slope of an angle."""
+    head = trace.outputs[: max(5, min(20, trace.size // 10)), 0]
+    good = np.isfinite(head)
+    if not good.any():
+        return 0.0
+    if roles.outputs[0].endswith("speed"):
+        return float(head[good].mean())
+    t = np.arange(len(head))[good] * trace.step
+    return float(np.polyfit(t, head[good], 1)[0]) if good.sum() > 2 else 0.0
+
+
+def first_point(drive: Drive, problem: Problem, roles: Roles) -> Point:
+    """The point at the drive's own values."""
+    values = np.array([_start_value(drive, n) for n in problem.names])
+    return Point(values, first_states(drive, roles, problem.traces))
+
+
+def _start_value(drive: Drive, name: str) -> float:
+    value = drive.value(name)
+    if value is None or not np.isfinite(value):
+        raise BadOption(f"a finite start value of {name}", str(value), f"Give one with --set {name}=VALUE.")
+    return float(value)

@@ -1,0 +1,147 @@
+"""The one door: from a recording to an experiment. After it all data is SI, uniform and immutable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from drivetool.errors import BadRecording, Finding, NotEnoughData
+from drivetool.logs.channel_map import ChannelMap, choose_channels
+from drivetool.logs.convert import shared_units, to_signals
+from drivetool.logs.experiment import ROLES, Experiment, Recording
+from drivetool.logs.read import read_recording
+from drivetool.logs.resample import INPUTS, onto_grid
+from drivetool.logs.speed_check import compare_speed_and_angle
+
+# Fewer samples than this answer no question about a drive; the second: a piece this short cannot
+# even pay for its own start states.
+MIN_SAMPLES = 50
+MIN_SEGMENT = 10
+
+
+def open_experiment(path: str | Path, channel_map: ChannelMap | None = None) -> Experiment:
+    """A log file as an experiment.
+
+    path         .parquet or .mcap
+    channel_map  which channel plays which role; None takes channels named like the roles
+    returns      Experiment
+    raises       BadRecording, NotEnoughData: see read_recording and build_experiment
+    """
+    return build_experiment(read_recording(path, channel_map), channel_map)
+
+
+def build_experiment(recording: Recording, channel_map: ChannelMap | None = None) -> Experiment:
+    """A recording as an experiment: roles, SI, one grid, segments, and what was wrong.
+
+    recording    channels on their own clocks
+    channel_map  which channel plays which role; None takes channels named like the roles
+    returns      Experiment; its findings say what was repaired, lost or looks wrong
+    raises       BadRecording: role, unit or time that cannot be used;
+                 NotEnoughData: fewer than 50 samples, or nothing moves
+    """
+    chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
+    signals, findings = to_signals(recording, chosen, channel_map)
+    torque_unit, motion_unit, more = shared_units(signals, recording.name)
+    findings = [*recording.findings, *findings, *more]
+    gridded = onto_grid(signals, recording.name)
+    findings += gridded.findings
+    segments, more = _cut(gridded.segments, gridded.signals, recording.name)
+    findings += more
+    inside = _inside(segments, len(next(iter(gridded.signals.values()))))
+    findings += _sparse(gridded.signals, inside)
+    findings += _constant(gridded.signals, inside, recording.name)
+    for body in dict.fromkeys(role.rpartition("_")[0] for role in gridded.signals):
+        angle, speed = f"{body}_angle", f"{body}_speed"
+        if angle in gridded.signals and speed in gridded.signals:
+            findings += compare_speed_and_angle(gridded.signals[angle], gridded.signals[speed],
+                                                gridded.step, segments, body)
+    return Experiment(
+        name=recording.name, sha256=recording.sha256, step=gridded.step,
+        start=round(recording.origin + gridded.start, 9),
+        signals={role: _frozen(values) for role, values in gridded.signals.items()},
+        segments=segments, torque_unit=torque_unit, motion_unit=motion_unit,
+        torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings))
+
+
+def _frozen(values: np.ndarray) -> np.ndarray:
+    """A view that cannot be written to; the recording's own array stays as it was."""
+    view = np.ascontiguousarray(values, dtype=float).view()
+    view.setflags(write=False)
+    return view
+
+
+def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
+         log: str) -> tuple[tuple[tuple[int, int], ...], list[Finding]]:
+    """Segments without a missing torque; too short pieces are dropped."""
+    usable = np.ones(len(next(iter(signals.values()))), dtype=bool)
+    for role in INPUTS:
+        if role in signals:
+            usable &= np.isfinite(signals[role])
+    pieces, missing = [], 0
+    for first, last in segments:
+        part = np.concatenate([[False], usable[first:last], [False]])
+        edges = np.flatnonzero(np.diff(part.astype(np.int8)))
+        pieces += [(first + int(a), first + int(b)) for a, b in edges.reshape(-1, 2)]
+        missing += int(np.sum(~usable[first:last]))
+    kept = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
+    total = sum(b - a for a, b in kept)
+    if total < MIN_SAMPLES:
+        raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}", f"{total}",
+                            "Record longer or at a higher rate.")
+    findings = []
+    if missing:
+        findings.append(Finding(
+            "warning", "torque-missing", f"The torque has no value at {missing} samples of {log}; the "
+            f"record is cut there into {len(pieces)} segments.",
+            {"samples": missing, "segments": len(pieces)},
+            "Check the recorder; the model cannot run without the torque."))
+    if len(kept) < len(pieces):
+        findings.append(Finding(
+            "note", "short-segments", f"{len(pieces) - len(kept)} segments of {log} shorter than "
+            f"{MIN_SEGMENT} samples are left out.", {"segments": len(pieces) - len(kept)}))
+    return kept, findings
+
+
+def _inside(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:
+    """(n,) whether a grid point lies in a segment."""
+    inside = np.zeros(size, dtype=bool)
+    for first, last in segments:
+        inside[first:last] = True
+    return inside
+
+
+def _sparse(signals: Mapping[str, np.ndarray], inside: np.ndarray) -> list[Finding]:
+    """Sensors with a value at fewer than half of the grid points."""
+    findings = []
+    for role, values in signals.items():
+        share = float(np.mean(np.isfinite(values[inside])))
+        if role not in INPUTS and share < 0.5:
+            findings.append(Finding(
+                "note", "sparse-sensor",
+                f"{role} has a value at only {100 * share:.2g} % of the grid points.",
+                {"role": role, "share": share}))
+    return findings
+
+
+def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str) -> list[Finding]:
+    """Signals that never change: a finding each, an error if neither torque nor motion does."""
+    still = []
+    for role, values in signals.items():
+        seen = values[inside & np.isfinite(values)]
+        if len(seen) == 0:
+            raise BadRecording(f"values of {role} where {log} can be used", "none",
+                               "Choose another channel, or leave the role out.")
+        if np.ptp(seen) == 0.0:
+            still.append((role, float(seen[0])))
+    constant = {role for role, _ in still}
+    drives = {"motor_torque"} & set(signals)
+    motions = {role for role in signals if ROLES[role] != "torque"}
+    if drives | motions <= constant:
+        names = ", ".join(sorted(drives | motions or constant))
+        raise NotEnoughData(f"a torque or a motion that changes in {log}", f"only constant signals ({names})",
+                            "Check the channels; if they are right, record while the drive is excited.")
+    return [Finding("warning", "constant-signal", f"{role} never changes: {value:g} throughout.",
+                    {"role": role, "value": value}, "Check that it is the right channel.")
+            for role, value in still]

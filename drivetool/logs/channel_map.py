@@ -1,0 +1,199 @@
+"""The channel map: which channel plays which role, and what its numbers mean.
+
+On disk it is YAML; `files/` parses it and hands over a plain mapping:
+
+    schema: drivetool/channel-map/1
+    roles:
+      motor_torque: {channel: /drive.torque, unit: Nm, scale: 1, offset: 0, sign: -1}
+      motor_speed:  {channel: n_act, unit: '%', rated: {value: 3000, unit: rpm}}
+      motor_angle:  theta              # short form: the channel; unit from the log
+    time: {channel: t, unit: ms}       # optional; or just the channel
+    torque_is: command                 # optional: command or measurement
+
+SI value = sign * (scale * raw + offset), converted from `unit`. Without `unit` the unit noted in
+the log is taken. A value in % (or in 1, per unit) is a share of `rated` and needs it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import msgspec
+
+from drivetool.errors import BadOption, BadRecording, nearest
+from drivetool.logs.experiment import ROLES
+from drivetool.logs.units import RELATIVE, parse_unit
+
+SCHEMA = "drivetool/channel-map/1"
+
+
+class Rated(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The value that 100 % stands for."""
+
+    value: float
+    unit: str
+
+
+class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One role: SI value = sign * (scale * raw + offset), converted from `unit`."""
+
+    channel: str
+    unit: str | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    sign: Literal[1, -1] = 1
+    rated: Rated | None = None
+
+
+class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The channel that holds the time stamps."""
+
+    channel: str
+    unit: str | None = None
+
+
+# One optional field per role, so that the JSON schema lists the roles and refuses others.
+RoleEntries = msgspec.defstruct(
+    "RoleEntries", [(role, RoleEntry | str | msgspec.UnsetType, msgspec.UNSET) for role in ROLES],
+    frozen=True, forbid_unknown_fields=True)
+
+
+class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The channel map as it is on disk."""
+
+    schema: Literal["drivetool/channel-map/1"]
+    roles: RoleEntries
+    time: TimeEntry | str | None = None
+    torque_is: Literal["command", "measurement", "unknown"] = "unknown"
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """A checked channel map: role -> entry, the time channel if named, what the torque is."""
+
+    roles: Mapping[str, RoleEntry]
+    time: TimeEntry | None = None
+    torque_is: Literal["command", "measurement", "unknown"] = "unknown"
+    name: str = field(default="channel map", compare=False)
+
+    @classmethod
+    def from_mapping(cls, content: object, name: str = "the channel map") -> ChannelMap:
+        """The map from what a YAML parser returns.
+
+        content  mapping of the form in the module's docstring; name: for messages
+        returns  ChannelMap
+        raises   BadOption: unknown key (suggests the nearest), wrong type, unknown unit, % without rated
+        """
+        _check_keys(content, name)
+        try:
+            # strict=False: YAML 1.1 reads 1e-3 as a text, and means a number.
+            file = msgspec.convert(content, ChannelMapFile, strict=False)
+        except msgspec.ValidationError as problem:
+            raise BadOption(f"a valid {name}", str(problem).replace("`$", "`map"),
+                            f"Correct it; its form is {SCHEMA}.") from None
+        listed = {role: getattr(file.roles, role) for role in ROLES}
+        roles = {role: RoleEntry(entry) if isinstance(entry, str) else entry
+                 for role, entry in listed.items() if entry is not msgspec.UNSET}
+        if not roles:
+            raise BadOption(f"at least one role in {name}", "none",
+                            "Give each role its channel.", ROLES)
+        for role, entry in roles.items():
+            _check_entry(role, entry, name)
+        time = TimeEntry(file.time) if isinstance(file.time, str) else file.time
+        if time and time.unit is not None:
+            parse_unit(time.unit, "time", f"time in {name}", BadOption)
+        return cls(roles, time, file.torque_is, name)
+
+
+def _check_keys(content: object, name: str) -> None:
+    """Refuse keys that are not in the form; msgspec would, but cannot suggest the nearest."""
+    def level(value, where, known):
+        if not isinstance(value, Mapping):
+            raise BadOption(f"keys with values in {where}", f"{type(value).__name__} {value!r:.40}",
+                            f"Its keys are: {', '.join(known)}.")
+        for key in value:
+            if key not in known:
+                raise BadOption(f"a known key in {where}", f"'{key}'", nearest(str(key), known))
+
+    def fields(struct):
+        return struct.__struct_fields__
+
+    level(content, name, fields(ChannelMapFile))
+    if content.get("schema") != SCHEMA:
+        raise BadOption(f"schema: {SCHEMA} in {name}", f"schema {content.get('schema')!r}",
+                        f"Write `schema: {SCHEMA}` as its first line.")
+    level(content.get("roles"), f"roles of {name}", tuple(ROLES))
+    for role, entry in content["roles"].items():
+        if not isinstance(entry, str):
+            level(entry, f"{role} of {name}", fields(RoleEntry))
+            if entry.get("rated") is not None:
+                level(entry["rated"], f"rated of {role}", fields(Rated))
+    if not isinstance(content.get("time"), str | None):
+        level(content["time"], f"time of {name}", fields(TimeEntry))
+
+
+def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
+    """Numbers and units of one role."""
+    numbers = {"scale": entry.scale, "offset": entry.offset}
+    if entry.rated:
+        numbers["rated value"] = entry.rated.value
+        rated = parse_unit(entry.rated.unit, ROLES[role], f"rated of {role} in {name}", BadOption)
+        if rated.dimension == RELATIVE:
+            raise BadOption(f"a unit of {ROLES[role]} for rated of {role}", f"'{entry.rated.unit}'",
+                            "Say what 100 % is, for example {value: 200, unit: Nm}.")
+    for key, value in numbers.items():
+        if not math.isfinite(value) or (value == 0 and key != "offset"):
+            raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",
+                            f"Correct it in {name}.")
+    if entry.unit is not None:
+        unit = parse_unit(entry.unit, ROLES[role], f"{role} in {name}", BadOption)
+        require_rated(role, unit, entry.rated, BadOption)
+
+
+def require_rated(role: str, unit, rated: Rated | None, error=BadRecording) -> None:
+    """Refuse a share of an unknown rated value."""
+    if unit.dimension == RELATIVE and rated is None:
+        raise error(f"the rated value of {role}, which is given in {unit.text}", "none",
+                    "Add to its role, for example `rated: {value: 200, unit: Nm}`.")
+
+
+def resolve(name: str, available: Iterable[str]) -> str | None:
+    """The one channel that `name` means: itself, or the only `/topic.name`; None if there is none."""
+    available = list(available)
+    if name in available:
+        return name
+    found = [c for c in available if c.startswith("/") and c.endswith(f".{name}")]
+    if len(found) > 1:
+        raise BadRecording(f"one channel '{name}'", "several", "Name one of them in full in the channel map.",
+                           found)
+    return found[0] if found else None
+
+
+def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, log: str) -> dict[str, str]:
+    """Which channel of a log plays which role.
+
+    available    names of the channels in the log
+    channel_map  the map; None takes the channels named like the roles
+    log          name of the log, for messages
+    returns      role -> channel name
+    raises       BadRecording: a mapped channel is missing, a name is ambiguous, or no role is found
+    """
+    if channel_map is None:
+        found = {role: resolve(role, available) for role in ROLES}
+        chosen = {role: name for role, name in found.items() if name is not None}
+        if not chosen:
+            raise BadRecording("channels named like the roles (motor_torque, motor_speed, ...)",
+                               f"none in {log}", "Say with --map which channel plays which role.",
+                               available)
+        return chosen
+    chosen = {}
+    for role, entry in channel_map.roles.items():
+        name = resolve(entry.channel, available)
+        if name is None:
+            raise BadRecording(f"channel '{entry.channel}' for {role}", f"no such channel in {log}",
+                               nearest(entry.channel, available), available)
+        chosen[role] = name
+    return chosen

@@ -1,0 +1,51 @@
+"""Which reader takes a file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from drivetool.errors import BadRecording
+from drivetool.logs.channel_map import ChannelMap, choose_channels
+from drivetool.logs.experiment import Recording
+from drivetool.logs.mcap_json import read_mcap
+from drivetool.logs.parquet import read_parquet
+
+# Given the names of all channels in a log, those to read.
+Choose = Callable[[Sequence[str]], Sequence[str]]
+
+READERS = {".parquet": read_parquet, ".mcap": read_mcap}
+
+
+def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
+                   choose: Choose | None = None) -> Recording:
+    """A log file as it was, with the channels that the roles need.
+
+    path         .parquet or .mcap
+    channel_map  which channel plays which role; None takes channels named like the roles
+    choose       other channels than those of the roles: names there are -> names to read
+    returns      Recording
+    raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise BadRecording("a recording", f"the folder {path.name}", "Name a file in it.", READERS)
+    if path.suffix.lower() not in READERS:
+        raise BadRecording("a recording with a known suffix", path.name,
+                           "Export the log to Parquet or MCAP.", READERS)
+    if not path.is_file():
+        raise BadRecording("a recording", f"no file {path}", "Check the path.")
+    if path.stat().st_size == 0:
+        raise BadRecording(f"data in {path.name}", "an empty file", "Record or export it again.")
+    if choose is None:
+        choose = partial(_for_roles, channel_map=channel_map, log=path.name)
+    with path.open("rb") as file:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    return READERS[path.suffix.lower()](path, sha256, choose, channel_map)
+
+
+def _for_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str) -> Sequence[str]:
+    """The channels that play a role."""
+    return list(choose_channels(available, channel_map, log).values())

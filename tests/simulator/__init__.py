@@ -1,0 +1,1 @@
+"""Simulated drives to hold drivetool against; shares no code with it."""

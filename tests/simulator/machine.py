@@ -1,0 +1,142 @@
+"""The machine that is simulated: a chain of bodies, its shafts and its torque path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Law = Literal["inside", "always"]
+BODY_FIELDS = ("inertia", "viscous", "coulomb", "idle_torque")
+SHAFT_FIELDS = ("stiffness", "damping", "half_gap", "ratio")
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A chain of n bodies and n-1 shafts; the motor torque enters body 0.
+
+    inertia      (n,) [kg m^2, or kg for a linear axis]
+    viscous      (n,) [Nm s/rad]; empty is zero, also for the other tuples
+    coulomb      (n,) [Nm], set-valued: the body sticks while the other torques stay below it
+    idle_torque  (n,) [Nm], constant, opposes positive motion; not a friction
+    stiffness    (n-1,) [Nm/rad]
+    damping      (n-1,) [Nm s/rad]
+    half_gap     (n-1,) [rad]
+    ratio        (n-1,) twist = angle/ratio - next angle; empty is one
+    law          "inside": Ts = ks dead(twist + cs/ks d(twist)/dt, a), which never pulls;
+                 "always": Ts = ks dead(twist, a) + cs d(twist)/dt
+    converter_bandwidth  [rad/s] or None: T'' + 2 zeta w0 T' + w0^2 T = w0^2 u(t - dead_time)
+    dead_time    [s], any fraction of a sample
+    rated_torque [Nm] or None; a scale for experiments, no part of the physics
+    """
+
+    inertia: tuple[float, ...]
+    viscous: tuple[float, ...] = ()
+    coulomb: tuple[float, ...] = ()
+    idle_torque: tuple[float, ...] = ()
+    stiffness: tuple[float, ...] = ()
+    damping: tuple[float, ...] = ()
+    half_gap: tuple[float, ...] = ()
+    ratio: tuple[float, ...] = ()
+    law: Law = "inside"
+    converter_bandwidth: float | None = None
+    converter_damping: float = 0.69
+    dead_time: float = 0.0
+    rated_torque: float | None = None
+
+    def __post_init__(self):
+        n = len(self.inertia)
+        for name in (*BODY_FIELDS, *SHAFT_FIELDS):
+            size = n if name in BODY_FIELDS else n - 1
+            neutral = (1.0 if name == "ratio" else 0.0,) * size
+            # Python floats: NumPy scalars are several times slower in the equations.
+            values = tuple(float(v) for v in getattr(self, name)) or neutral
+            if len(values) != size:
+                raise ValueError(f"{name}: wanted {size} values, found {len(values)}")
+            object.__setattr__(self, name, values)
+        if min(self.inertia) <= 0 or min(self.stiffness, default=1.0) <= 0:
+            raise ValueError("inertia and stiffness must be positive")
+        unsigned = (*self.viscous, *self.coulomb, *self.damping, *self.half_gap, self.dead_time)
+        if min(unsigned) < 0 or self.law not in ("inside", "always"):
+            raise ValueError("friction, damping, gap and dead time must not be negative; "
+                             "law is inside or always")
+
+    @property
+    def bodies(self) -> int:
+        """Number of bodies."""
+        return len(self.inertia)
+
+    @property
+    def is_linear(self) -> bool:
+        """Neither gap nor Coulomb friction: nothing ever switches."""
+        return not any(self.half_gap) and not any(self.coulomb)
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a simulation starts or ends.
+
+    speeds       (n,) [rad/s]
+    twists       (n-1,) [rad]
+    angle        of body 0 [rad]
+    torque       [Nm] behind the converter, and the command in force before the first sample
+    torque_rate  [Nm/s] behind the converter
+    """
+
+    speeds: tuple[float, ...]
+    twists: tuple[float, ...]
+    angle: float = 0.0
+    torque: float = 0.0
+    torque_rate: float = 0.0
+
+
+def at_rest(machine: Machine) -> State:
+    """No speed, no twist, no torque."""
+    return State((0.0,) * machine.bodies, (0.0,) * (machine.bodies - 1))
+
+
+def running(machine: Machine, speed: float, load_torque: float = 0.0) -> State:
+    """Steady running of body 0 at `speed` [rad/s]; `torque` is what keeps it there.
+
+    At zero speed Coulomb friction is counted as zero, the middle of what it can hold.
+    """
+    speeds = [speed]
+    for ratio in machine.ratio:
+        speeds.append(speeds[-1] / ratio)
+    twists, through = [], load_torque
+    for i in reversed(range(machine.bodies)):
+        through += machine.viscous[i] * speeds[i] + machine.idle_torque[i]
+        through += machine.coulomb[i] * float(np.sign(speeds[i]))
+        if i:
+            gap = machine.half_gap[i - 1] * float(np.sign(through))
+            twists.insert(0, through / machine.stiffness[i - 1] + gap)
+            through /= machine.ratio[i - 1]
+    return State(tuple(speeds), tuple(twists), 0.0, through)
+
+
+def machine_by_seed(seed: int, gap: float = 0.0, friction: bool = False, **changes) -> Machine:
+    """A plausible two-mass machine; the same seed with another gap is otherwise the same machine.
+
+    gap       half gap as a share of the rated twist (rated torque / stiffness)
+    friction  whether there is Coulomb friction, on motor and load
+    changes   any field of Machine to replace
+    """
+    rng = np.random.default_rng(seed)
+    motor = 10.0 ** rng.uniform(-1.0, 1.0)
+    load = motor * 10.0 ** rng.uniform(-1.0, 1.0)
+    resonance = 2.0 * np.pi * 5.0 * 12.0 ** rng.uniform()
+    relative_damping = rng.uniform(0.01, 0.05)
+    rated = (motor + load) * rng.uniform(20.0, 80.0)
+    viscous = rng.uniform(0.005, 0.03, 2) * rated / 150.0
+    idle = rng.uniform(0.02, 0.1) * rated
+    coulomb = rng.uniform([0.01, 0.005], [0.04, 0.02]) * rated * friction
+    reduced = motor * load / (motor + load)
+    stiffness = reduced * resonance**2
+    values = {
+        "inertia": (motor, load), "viscous": tuple(viscous), "coulomb": tuple(coulomb),
+        "idle_torque": (0.0, idle), "stiffness": (stiffness,),
+        "damping": (2.0 * relative_damping * reduced * resonance,),
+        "half_gap": (gap * rated / stiffness,), "rated_torque": float(rated),
+    } | changes
+    return Machine(**values)

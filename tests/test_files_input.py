@@ -1,0 +1,179 @@
+"""Parameter files as people write them, right and wrong."""
+
+import math
+
+import hypothesis.strategies as st
+import pytest
+import yaml
+from hypothesis import given
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.errors import BadOption, BadParameters
+from drivetool.files import units
+from drivetool.files.channel_map_file import load_channel_map
+from drivetool.files.parameter_file import load_parameters
+from drivetool.files.text import from_yaml, number_text, plain, to_json, to_yaml
+
+HEAD = "schema: drivetool/parameters/1\n"
+AT = HEAD + "parameters: "
+
+# text, words that the one sentence must have
+BAD = {
+    "empty": ("", "empty"),
+    "comment only": ("# nothing\n", "empty"),
+    "list": ("- 1\n", "a list in"),
+    "text": ("hello\n", "a text in"),
+    "binary": (b"\xff\xfe\x00PAR1", "not UTF-8"),
+    "broken": ("a: [1\n", "line 2"),
+    "tab": ("a:\n\tb: 1\n", "line 2 spaces, not tabs"),
+    "deep": ("[" * 5000, "not YAML"),
+    "date": (HEAD + "step: 2020-13-45\n", "YAML"),
+    "object": (HEAD + "step: !!python/object/apply:os.getcwd []\n", "tag"),
+    "twice": (HEAD + "step: a\nstep: b\n", "'step' for the second time line 3"),
+    "no schema": ("parameters: {}\n", "no schema Begin the file with 'schema: drivetool/parameters/1'"),
+    "other schema": ("schema: drivetool/parameters/2\n", "drivetool/parameters/1 drivetool/parameters/2"),
+    "validation": ("schema: drivetool/validation/1\n", "not the file that validate wrote"),
+    "typo in key": (HEAD + "parmeters: {}\n", "Did you mean 'parameters'?"),
+    "number as key": (HEAD + "1: 2\n", "'1'"),
+    "typo in name": (AT + "{motor.inertai: 1}", "Did you mean 'motor.inertia'?"),
+    "typo in field": (AT + "{motor.inertia: {vaule: 1}}", "parameters.motor.inertia Did you mean 'value'?"),
+    "no value": (AT + "{motor.inertia: {unit: kg m^2}}", "value"),
+    "null": (AT + "{motor.inertia: }", "a number found nothing"),
+    "boolean": (AT + "{motor.inertia: true}", "a number 'True'"),
+    "decimal comma": (AT + "{motor.inertia: {value: '0,4'}}", "motor.inertia.value text '0,4' number"),
+    "text as number": (AT + "{motor.inertia: heavy}", "text 'heavy'"),
+    "short interval": (AT + "{motor.inertia: {value: 1, ci95: [1]}}", "list of 2 ci95"),
+    "status": (AT + "{motor.inertia: {value: 1, status: fited}}", "one of fitted, held 'fited'"),
+    "negative": (AT + "{motor.inertia: -1}", "between 1e-12 and 1e+12 kg m^2 -1 in"),
+    "nan": (AT + "{motor.inertia: .nan}", "between nan"),
+    "total and part": (AT + "{total.viscous: 1, load.viscous: 1}", "either total.viscous Delete"),
+    "infinite": (AT + "{motor.inertia: .inf}", "between inf"),
+    "wrong unit": (AT + "{motor.inertia: {value: 1, unit: Nm}}", "motor.inertia in kg m^2 unit 'Nm'"),
+    "unknown unit": (AT + "{motor.inertia: {value: 1, unit: furlong}}", "unit 'furlong'"),
+    "parameters as list": (AT + "[1]", "a mapping at parameters a list of 1"),
+    "drive as text": (HEAD + "drive: two-mass\n", "a mapping at drive text 'two-mass'"),
+    "drive name": (HEAD + "drive: {name: tow-mass}\n", "'tow-mass' two-mass"),
+    "bodies": (HEAD + "drive: {bodies: [a, b], shafts: []}\n", "one shaft fewer than bodies"),
+    "same names": (HEAD + "drive: {bodies: [a, b], shafts: [a]}\n", "each used once 'a'"),
+    "shafts only": (HEAD + "drive: {shafts: [a]}\n", "only shafts"),
+    "taken name": (HEAD + "drive: {bodies: [total]}\n", "'total'"),
+    "torque unit": (HEAD + "drive: {torque_unit: kNm}\n", "one of Nm, N, A"),
+    "other torque": (HEAD + "drive: {torque_unit: A}\n", "in Nm, the unit of the recording A in"),
+    "finding": (HEAD + "findings: [{severity: bad, code: a, text: b}]", "findings[0].severity note, warning"),
+    "findings": (HEAD + "findings: 3", "a list at findings '3'"),
+    "covariance": (HEAD + "covariance: {names: [motor.inertia], matrix: [[1, 2]]}", "1 x 1"),
+    "fit": (HEAD + "fit: {rmse: [1]}", "fit a list"),
+}
+
+
+@pytest.mark.parametrize("text, words", BAD.values(), ids=BAD)
+def test_bad_input_is_one_clear_sentence(tmp_path, text, words):
+    path = tmp_path / "hand.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(BadParameters) as caught:
+        load_parameters([path]).drive(two_mass())
+    message = str(caught.value)
+    assert "hand.yaml" in message and "\n" not in message
+    assert message.startswith("wanted ") and message.endswith((".", "?"))
+    assert str(tmp_path) not in message
+    for word in words.split():
+        assert word in message
+
+
+def test_missing_file_and_second_standard_input():
+    with pytest.raises(BadParameters, match="No such file"):
+        load_parameters(["nowhere.yaml"])
+    with pytest.raises(BadParameters, match="twice"):
+        load_parameters(["-", "-"])
+
+
+def test_a_file_written_by_hand(tmp_path):
+    path = tmp_path / "hand.yaml"
+    path.write_text(HEAD + "drive: {name: two-mass, damping_law: always}\nparameters:\n"
+                    "  motor.inertia: {value: 0.4, unit: kg m^2}\n  load.inertia: 56000 # bare\n"
+                    "  shaft.half_gap: {value: 4.3, unit: deg}\n  shaft.damping: 1e-1\n"
+                    "  motor.viscous: {value: null, reason: unknown}\n")
+    drive = load_parameters([path]).drive()
+    assert drive.damping_law == "always"
+    assert drive.values == pytest.approx({
+        "motor.inertia": 0.4, "load.inertia": 56000.0, "shaft.half_gap": math.radians(4.3),
+        "shaft.damping": 0.1})
+
+
+def test_later_files_win_and_totals_displace_parts(tmp_path):
+    first, second = tmp_path / "a.yaml", tmp_path / "b.yaml"
+    first.write_text(AT + "{motor.inertia: 1, total.viscous: 0.2}\nnoise: {torque_std: 2}")
+    second.write_text(AT + "{motor.inertia: 2, motor.viscous: 0.1, load.viscous: 0.1}")
+    loaded = load_parameters([first, second])
+    assert loaded.drive().values == {"motor.inertia": 2, "motor.viscous": 0.1, "load.viscous": 0.1}
+    assert loaded.noise == {"torque_std": 2}
+    assert [name for name, _ in loaded.inputs] == ["a.yaml", "b.yaml"]
+    assert load_parameters([second, first]).drive().values == {"motor.inertia": 1, "total.viscous": 0.2}
+
+
+def test_own_bodies_and_default_structure(tmp_path):
+    path = tmp_path / "x.yaml"
+    path.write_text(HEAD + "drive: {bodies: [motor, gear, arm, tool]}\nparameters: {arm.inertia: 3}")
+    drive = load_parameters([path]).drive()
+    assert drive.shafts == ("shaft", "shaft2", "shaft3") and drive.values == {"arm.inertia": 3}
+    path.write_text(AT + "{motor.inertia: 3}")
+    assert load_parameters([path]).drive(one_body("N", "m")) == one_body("N", "m").with_values(
+        {"motor.inertia": 3})
+    assert load_parameters([]).drive(one_body()) == one_body()
+
+
+@pytest.mark.parametrize("written, wanted, expected", [
+    ("kg cm^2", "kg m^2", 1e-4), ("g m^2", "kg m^2", 1e-3), ("kgm^2", "kg m^2", 1),
+    ("kgcm^2", "kg m^2", 1e-4),
+    ("Nm s^2/rad", "kg m^2", 1), ("kg m²", "kg m^2", 1), ("kg*m**2", "kg m^2", 1), ("g", "kg", 1e-3),
+    ("Nm/deg", "Nm/rad", 180 / math.pi), ("kNm/rad", "Nm/rad", 1e3), ("Nm/mrad", "Nm/rad", 1e3),
+    ("Nm", "Nm/rad", None), ("Nm/(rad/s)", "Nm s/rad", 1), ("Nms/rad", "Nm s/rad", 1),
+    ("Nm/rpm", "Nm s/rad", 30 / math.pi), ("mNm", "Nm", 1e-3), ("N m", "Nm", 1), ("N", "Nm", None),
+    ("mrad", "rad", 1e-3), ("°", "rad", math.pi / 180), ("mm", "m", 1e-3), ("µm", "m", 1e-6),
+    ("ms", "s", 1e-3), ("Hz", "rad/s", 2 * math.pi), ("mA", "A", 1e-3), ("N/mm", "N/m", 1e3),
+    ("A s^2/rad", "A s^2/rad", 1), ("mA s^2/rad", "A s^2/rad", 1e-3), ("-", "", 1), ("%", "", 0.01),
+    ("", "Nm", None), ("Nm/", "Nm", None), ("(Nm", "Nm", None), ("Nm)", "Nm", None), ("€", "Nm", None),
+])
+def test_units(written, wanted, expected):
+    if expected is None:
+        with pytest.raises(BadParameters):
+            units.factor(written, wanted, "x")
+    else:
+        assert units.factor(written, wanted, "x") == pytest.approx(expected, rel=1e-14)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_have_ten_digits_and_stay_numbers(value):
+    text = number_text(value)
+    read = yaml.safe_load(text)  # YAML 1.1, as other tools read it
+    assert isinstance(read, float) and math.isfinite(read)
+    assert read == pytest.approx(value, rel=5e-10, abs=1e-320)
+    assert number_text(read) == text and number_text(float(text)) == text
+    assert from_yaml(to_yaml({"x": value}), "x") == {"x": read}
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+                    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
+def test_any_plain_value_survives(value):
+    text = to_yaml({"x": value})
+    assert text.isascii()
+    assert from_yaml(text, "x") == {"x": plain(value)}
+    assert yaml.safe_load(to_json({"x": None})) == {"x": None}
+
+
+def test_no_sets_and_no_objects_in_files():
+    for value in ({1, 2}, object()):
+        with pytest.raises(TypeError, match="no place in a file"):
+            plain({"x": value})
+
+
+def test_channel_map(tmp_path):
+    assert load_channel_map(None) is None
+    path = tmp_path / "map.yaml"
+    path.write_text("schema: drivetool/channel-map/1\nroles: {motor_torque: {channel: T, unit: Nm}}\n")
+    assert load_channel_map(path).roles["motor_torque"].channel == "T"
+    path.write_text("")
+    with pytest.raises(BadOption, match=r"map\.yaml empty"):
+        load_channel_map(path)
+    with pytest.raises(BadOption, match="No such file"):
+        load_channel_map(tmp_path / "none.yaml")

@@ -1,0 +1,226 @@
+"""The one door: grids, gaps, missing values and what is refused."""
+
+import numpy as np
+import pytest
+
+from drivetool.errors import BadRecording, NotEnoughData
+from drivetool.logs.build import build_experiment
+from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.experiment import Channel, Recording
+
+N, STEP = 300, 0.001
+UNITS = {"torque": "Nm", "speed": "rad/s", "angle": "rad"}
+
+
+def recording(times=None, units=None, **signals):
+    """Signals on one clock, or on their own where `times` has one."""
+    shared = np.arange(len(next(iter(signals.values())))) * STEP
+    channels = {}
+    for name, values in signals.items():
+        unit = (units or {}).get(name, UNITS[name.rpartition("_")[2]])
+        channels[name] = Channel((times or {}).get(name, shared), np.asarray(values, dtype=float), unit)
+    return Recording("log.parquet", "0" * 64, channels)
+
+
+def wave(n=N, f=3.0):
+    return np.sin(2 * np.pi * f * np.arange(n) * STEP)
+
+
+def codes(experiment):
+    return [f.code for f in experiment.findings]
+
+
+def one_clock(time, torque=None, **more):
+    n = len(time)
+    torque = wave(n) if torque is None else torque
+    return recording({"motor_torque": time, **dict.fromkeys(more, time)}, motor_torque=torque, **more)
+
+
+def test_jitter_below_five_percent_is_taken_as_it_is():
+    rng = np.random.default_rng(1)
+    time = np.arange(N) * STEP + rng.uniform(-0.045, 0.045, N) * STEP
+    found = build_experiment(one_clock(time, motor_speed=wave()))
+    assert found.signals["motor_speed"].tobytes() == wave().tobytes()
+    assert found.segments == ((0, N),) and codes(found) == []
+    assert found.step == pytest.approx(STEP, rel=1e-3)
+
+
+def test_jitter_above_five_percent_is_resampled():
+    rng = np.random.default_rng(1)
+    time = np.arange(N) * STEP + rng.uniform(-0.2, 0.2, N) * STEP
+    speed = np.sin(2 * np.pi * 3 * time)
+    found = build_experiment(one_clock(time, motor_speed=speed))
+    assert codes(found) == ["resampled"]
+    at = found.start + found.time
+    inside = np.isfinite(found.signals["motor_speed"])
+    assert inside.mean() > 0.99
+    truth = np.sin(2 * np.pi * 3 * at)
+    np.testing.assert_allclose(found.signals["motor_speed"][inside], truth[inside], atol=1e-4)
+    assert set(found.signals["motor_torque"]) <= set(wave())
+
+
+def test_two_clocks_hold_the_torque_and_interpolate_the_sensor():
+    fast, slow = np.arange(N) * STEP, np.arange(0, N, 2) * STEP + 0.0003
+    found = build_experiment(recording({"motor_torque": fast, "motor_speed": slow},
+                                       motor_torque=wave(), motor_speed=np.sin(2 * np.pi * 3 * slow)))
+    assert codes(found) == ["resampled"] and found.findings[0].severity == "note"
+    assert found.signals["motor_torque"].tobytes() == wave().tobytes()
+    known = np.isfinite(found.signals["motor_speed"])
+    assert known.sum() >= N - 3
+    np.testing.assert_allclose(found.signals["motor_speed"][known], wave()[known], atol=2e-4)
+
+
+def test_a_slow_sensor_is_not_interpolated_far():
+    slow = np.arange(0, N, 10) * STEP + 0.0002
+    found = build_experiment(recording({"motor_speed": slow}, motor_torque=wave(),
+                                       motor_speed=np.sin(2 * np.pi * 3 * slow)))
+    known = np.flatnonzero(np.isfinite(found.signals["motor_speed"]))
+    assert set(np.diff(known)) == {10}
+    assert codes(found) == ["resampled", "sparse-sensor"]
+    np.testing.assert_allclose(found.signals["motor_speed"][known], wave()[known], atol=1e-3)
+
+
+def test_a_slow_input_is_held():
+    slow = np.arange(0, N, 10) * STEP
+    values = np.arange(30.0)
+    found = build_experiment(recording({"load_torque": slow}, motor_torque=wave(), load_torque=values))
+    np.testing.assert_array_equal(found.signals["load_torque"], np.repeat(values, 10))
+
+
+def test_gaps_split_and_single_losses_do_not():
+    keep = np.ones(N, dtype=bool)
+    keep[[50, 51, 120]] = False
+    keep[200:240] = False
+    time = (np.arange(N) * STEP)[keep]
+    found = build_experiment(one_clock(time, wave()[keep], motor_speed=wave()[keep]))
+    assert found.segments == ((0, 200), (240, N))
+    assert sorted(codes(found)) == ["gaps", "lost-samples"]
+    gap = next(f for f in found.findings if f.code == "gaps")
+    assert gap.evidence["gaps"] == 1 and gap.evidence["longest"] == pytest.approx(0.041)
+    speed, torque = found.signals["motor_speed"], found.signals["motor_torque"]
+    assert np.array_equal(speed[keep], wave()[keep]) and np.all(np.isnan(speed[~keep]))
+    assert torque[50] == torque[51] == wave()[49] and torque[120] == wave()[119]
+
+
+def test_a_slowly_drifting_clock_is_uniform():
+    time = np.arange(20_000) * STEP
+    time = time + 1e-4 * time**2
+    found = build_experiment(one_clock(time, wave(20_000), motor_speed=wave(20_000)))
+    assert codes(found) == [] and found.size == 20_000
+
+
+def test_missing_sensor_values_stay_missing():
+    speed = wave()
+    speed[[10, 11]] = np.nan
+    speed[100] = np.inf
+    found = build_experiment(recording(motor_torque=wave(), motor_speed=speed))
+    assert list(np.flatnonzero(np.isnan(found.signals["motor_speed"]))) == [10, 11, 100]
+    assert found.findings[0].code == "missing-values"
+    assert found.findings[0].evidence["share"] == pytest.approx(0.01)
+    assert found.segments == ((0, N),)
+
+
+def test_missing_torque_splits():
+    torque = wave()
+    torque[[100, 101, 106]] = np.nan
+    found = build_experiment(recording(motor_torque=torque, motor_speed=wave()))
+    assert found.segments == ((0, 100), (107, N))
+    assert codes(found) == ["missing-values", "torque-missing", "short-segments"]
+    for first, last in found.segments:
+        assert np.all(np.isfinite(found.signals["motor_torque"][first:last]))
+
+
+def test_repeated_stamps_are_dropped():
+    time = np.insert(np.arange(N) * STEP, 40, 0.039)
+    values = np.insert(wave(), 40, 99.0)
+    found = build_experiment(one_clock(time, values, motor_speed=values))
+    assert codes(found) == ["repeated-time"]
+    assert found.signals["motor_speed"].tobytes() == wave().tobytes()
+
+
+def test_linear_axis_and_current():
+    units = {"motor_torque": "kN", "motor_speed": "mm/s", "motor_angle": "mm"}
+    angle = np.cumsum(wave()) * STEP
+    found = build_experiment(recording(units=units, motor_torque=wave(), motor_speed=wave(),
+                                       motor_angle=angle))
+    assert (found.torque_unit, found.motion_unit) == ("N", "m")
+    np.testing.assert_allclose(found.signals["motor_torque"], 1000 * wave())
+    coast = build_experiment(recording(units={"motor_speed": "m/s"}, motor_speed=wave()))
+    assert (coast.torque_unit, coast.motion_unit) == ("N", "m")
+    odd = build_experiment(recording(units={"motor_torque": "N"}, motor_torque=wave(), motor_speed=wave()))
+    assert codes(odd) == ["unusual-units"]
+
+
+def test_a_table_may_move_in_other_units():
+    found = build_experiment(recording(units={"table_speed": "mm/s"}, motor_torque=wave(), motor_speed=wave(),
+                                       table_speed=wave()))
+    assert found.motion_unit == "rad"
+
+
+def back_in_time():
+    time = np.arange(N) * STEP
+    time[150:] -= 0.05
+    return one_clock(time, motor_speed=wave())
+
+
+def percent():
+    return recording(units={"motor_torque": "%"}, motor_torque=wave())
+
+
+BAD = {
+    "backwards": (back_in_time, BadRecording,
+                  ["time that does not go backwards", "after sample 149 at 0.149000 s", "-0.049 s"]),
+    "mixed motion": (lambda: recording(units={"load_angle": "m"}, motor_torque=wave(), motor_speed=wave(),
+                                       load_angle=wave()), BadRecording,
+                     ["one unit of motion", "motor_speed in rad", "load_angle in m"]),
+    "mixed torque": (lambda: recording(units={"motor_torque": "A"}, motor_torque=wave(), shaft_torque=wave()),
+                     BadRecording, ["one unit of torque", "motor_torque in A", "shaft_torque in Nm"]),
+    "all missing": (lambda: recording(motor_torque=wave(), motor_speed=np.full(N, np.nan)), BadRecording,
+                    ["values of motor_speed", "none"]),
+    "no overlap": (lambda: recording({"motor_speed": 1e6 + np.arange(N) * STEP}, motor_torque=wave(),
+                                     motor_speed=wave()), BadRecording, ["motor_speed", "do not overlap"]),
+    "unit": (lambda: recording(units={"motor_speed": None}, motor_torque=wave(), motor_speed=wave()),
+             BadRecording, ["unit of speed for motor_speed", "rpm"]),
+    "percent": (percent, BadRecording, ["rated value of motor_torque"]),
+    "vast": (lambda: one_clock(np.concatenate([np.arange(150) * STEP, 1e7 + np.arange(150) * STEP])),
+             BadRecording, ["one stretch of time", "Cut the record"]),
+    "constant": (lambda: recording(motor_torque=np.ones(N), motor_speed=np.zeros(N)), NotEnoughData,
+                 ["torque or a motion that changes", "motor_speed, motor_torque", "excited"]),
+    "constant speed": (lambda: recording(motor_speed=np.ones(N)), NotEnoughData, ["changes"]),
+    "short": (lambda: recording(motor_torque=wave(49), motor_speed=wave(49)), NotEnoughData,
+              ["at least 50 samples", "found 49"]),
+    "one sample": (lambda: recording(motor_torque=[1.0]), NotEnoughData, ["motor_torque", "1"]),
+    "no sample": (lambda: recording(motor_torque=[]), BadRecording, ["motor_torque", "none"]),
+    "pieces": (lambda: recording(motor_torque=np.where(np.arange(N) % 9, wave(), np.nan), motor_speed=wave()),
+               NotEnoughData, ["without a gap", "found 0"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_refused(case):
+    make, kind, words = BAD[case]
+    with pytest.raises(kind) as caught:
+        build_experiment(make())
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_one_constant_signal_is_a_finding():
+    found = build_experiment(recording(motor_torque=np.zeros(N), motor_speed=wave()))
+    assert codes(found) == ["constant-signal"] and found.findings[0].severity == "warning"
+
+
+def test_the_recording_is_not_changed():
+    log = recording(motor_torque=wave(), motor_speed=wave())
+    build_experiment(log)
+    assert all(channel.values.flags.writeable for channel in log.channels.values())
+    assert log.channels["motor_speed"].values.tobytes() == wave().tobytes()
+
+
+def test_map_formula():
+    content = {"schema": SCHEMA, "roles": {
+        "motor_torque": {"channel": "motor_torque", "unit": "mNm", "scale": 4, "offset": 8, "sign": -1}},
+        "torque_is": "measurement"}
+    found = build_experiment(recording(motor_torque=wave()), ChannelMap.from_mapping(content))
+    np.testing.assert_allclose(found.signals["motor_torque"], -(4 * wave() + 8) * 1e-3, rtol=1e-15)
+    assert found.torque_is == "measurement"
