@@ -8,7 +8,7 @@ import numpy as np
 class Dual:
     """value v and gradient d (nq,); arithmetic follows the chain rule."""
 
-    __slots__ = ("v", "d")
+    __slots__ = ("d", "v")
 
     def __init__(self, v: float, d: np.ndarray):
         self.v, self.d = v, d

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.modes import COMPILE, lookup
+from drivetool.drive.compiled import COMPILE
+from drivetool.drive.modes import lookup
 from drivetool.drive.roots import first_exit, horner
 from drivetool.drive.system import ORDER
 

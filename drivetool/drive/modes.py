@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from drivetool.drive.compiled import COMPILE
+
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TERMS = 14
-# The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
-# every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
-COMPILE = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
-HOT = {**COMPILE, "forceinline": True}
-
 
 @njit(**COMPILE)
 def lookup(s, c, mode, part):

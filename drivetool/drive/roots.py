@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.modes import COMPILE
+from drivetool.drive.compiled import COMPILE
 
 
 @njit(**COMPILE)

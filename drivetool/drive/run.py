@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
+from drivetool.drive.compiled import COMPILE, HOT
 from drivetool.drive.kernel import (
     classify,
     fits,
@@ -15,7 +16,7 @@ from drivetool.drive.kernel import (
     rough_step,
     switch_late,
 )
-from drivetool.drive.modes import COMPILE, HOT, lookup
+from drivetool.drive.modes import lookup
 
 
 @njit(**HOT)
@@ -75,22 +76,20 @@ def write_row(jac, i, m, col, g, e):
 
 
 @njit(**HOT)
-def reclassify(spring, slip_rows, reach, x, mode, old, older):
+def reclassify(spring, slip_rows, reach, x, mode, old):
     """Set the mode from the state, after a jump; returns whether it changed."""
     guard_values(spring, slip_rows, x, old)
-    for e in range(mode.size):
-        older[e] = old[e]
     return classify(reach, old, mode)
 
 
 @njit(**HOT)
 def smooth_step(leap, dleap, net, spring, slip_rows, reach, level, k, x, u, i, big, mode,
-                b, t, new, old, older):
+                b, t, new, old, older, watch):
     """Carry x and big over a part of a sample; False, and nothing moved, if an event lies in it."""
     predict(leap, k, x, u, i, b)
     if mode.size > 0:
         guard_values(spring, slip_rows, b, new)
-        if not fits(reach, mode, new, old, older):
+        if not fits(reach, mode, new, old, older, watch):
             return False
         if level.shape[0] > 0:
             if not holds(level, net, k, mode, x, u, i):
@@ -145,14 +144,14 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
                 write_row(jac, i, m, col, g if known else 0.0, e)
             if observed and known:
                 use_measurement(gain, i, m, e, x, big, col, sens)
-        if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old, older):
+        if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
             k = -1
         for part in range(parts):
             held = late if part + 1 < parts else u
             if k < 0 or parts > 1:
                 k = lookup(s, c, mode, part)
             if not smooth_step(leap, dleap, net, spring, slip_rows, reach, level, k, x, held, i,
-                               big, mode, b, t, new, old, older):
+                               big, mode, b, t, new, old, older, not observed):
                 rough_step(s, c, x, held[i], big, mode, part, new)
                 located += 1
                 k = -1
@@ -222,7 +221,7 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
     n, parts, number = mode.size, s.spans.size, -1
     row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
     f, t, new, old, older = c.transition, c.columns[0], c.guards[0], c.guards[1], c.guards[2]
-    reclassify(spring, slip_rows, reach, x, mode, old, older)
+    reclassify(spring, slip_rows, reach, x, mode, old)
     for i in range(u.shape[0]):
         for m in range(innov.shape[1]):
             e = y[i, m] - output_row(outputs, spring, reach, output_gap, mode, m, x, row)
@@ -236,7 +235,7 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
                     gain[i, m, j] = k[j] if known else 0.0
                 if known:
                     x[j] += k[j] * e
-        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old, older):
+        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
             number = -1
         for j in range(nx):
             for m in range(nx):
@@ -247,14 +246,16 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
             held = late if part + 1 < parts else u
             if number < 0 or parts > 1:
                 number = lookup(s, c, mode, part)
-            for j in range(nx):
-                row[j] = leap[number, j, nx]
             if not smooth_step(leap, dleap, net, spring, slip_rows, reach, level, number, x, held,
-                               i, f, mode, b, t, new, old, older):
+                               i, f, mode, b, t, new, old, older, False):
                 rough_step(s, c, x, held[i], f, mode, part, new)
                 number = -1
             for e in range(n):
                 older[e] = old[e]
                 old[e] = new[e]
+        if number < 0:
+            number = lookup(s, c, mode, parts - 1)
+        for j in range(nx):  # of the mode at the end: noise does not move a body that sticks
+            row[j] = leap[number, j, nx]
         forget(memory, x, f)
         advance_covariance(p, f, row, q, extra, t)

@@ -76,7 +76,11 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
 
     around  a ratio to search near; None: over eight decades
     """
+    middle = np.log(natural_ratio(problem, point))
+
     def value(logs: np.ndarray) -> float:
+        if abs(logs[0] - middle) > 18.0 or (len(logs) > 1 and abs(logs[1]) > 16.0):
+            return np.inf
         memory = None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1])))
         trial = replace(noise, ratio=float(np.exp(logs[0])), memory=memory)
         return minus_log_likelihood(filtered(problem, point, trial, keep=False))
@@ -89,7 +93,6 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         return replace(noise, ratio=float(np.exp(found.x[0])),
                        memory=float(1.0 / (1.0 + np.exp(-found.x[1]))))
     if around is None:
-        middle = np.log(natural_ratio(problem, point))
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
     else:
         grid = np.log(around) + np.linspace(-1.5, 1.5, 5)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from drivetool.drive.chain import Drive
 from drivetool.identify.steady_state import block_means, steady_intervals
 from drivetool.logs.experiment import Experiment
 
 # Share of an interval that is left out at its start: a settling tail that no longer shows in the
 # noise still shifts the mean.
 TAIL = 0.25
-# Batches per interval. Fewer blur the correction for neighbours, more let noise into it.
-BATCHES = 20
+# Batches per interval, most first.
+BATCHES = (12, 6, 4)
 # A hidden acceleration may take at most this share of the record's torque.
 HIDDEN = 0.01
 
@@ -26,14 +25,21 @@ class Interval:
     """A steady interval: what was measured, on one grid.
 
     file, start, end  of which recording, from when to when [s from its first sample]
-    step              [s]; role -> (n,) samples of that interval
+    step              [s]
+    rise, rise_std    what is left of the acceleration: change of speed from the first to the last tenth,
+                      over the duration, and its standard deviation
+    inertia           role of a torque -> inertia that it accelerates, good to a few percent; 0 if unknown
+    signals           role -> (n,) samples of that interval
     """
 
     file: str
     start: float
     end: float
     step: float
-    signals: dict[str, np.ndarray]
+    rise: float
+    rise_std: float
+    inertia: Mapping[str, float]
+    signals: Mapping[str, np.ndarray]
 
     def mean(self, role: str) -> float:
         """Mean of a signal, leaving out what has no value."""
@@ -45,44 +51,45 @@ def speed_of(experiment: Experiment, body: str, why: str) -> np.ndarray:
     if f"{body}_speed" not in experiment.signals and f"{body}_angle" in experiment.signals:
         angle = experiment.signals[f"{body}_angle"]
         speed = np.full(len(angle), np.nan)
-        for first, last in experiment.segments:
-            speed[first + 1:last - 1] = (angle[first + 2:last] - angle[first:last - 2]) / (2 * experiment.step)
+        for a, b in experiment.segments:
+            speed[a + 1:b - 1] = (angle[a + 2:b] - angle[a:b - 2]) / (2 * experiment.step)
         return speed
     return experiment.signal(f"{body}_speed", why)
 
 
-def find_intervals(experiment: Experiment, body: str = "motor") -> list[Interval]:
+def find_intervals(experiment: Experiment) -> list[Interval]:
     """The steady intervals of a record, settled: without their tails, and none that drifts.
 
-    experiment  with motor_torque and the speed or angle of `body`
-    returns     Intervals of at least 2 BATCHES samples, in order
+    experiment  with motor_torque and the speed or angle of the motor
+    returns     Intervals of at least 40 samples, in order; "difference" is motor less shaft torque
     """
-    speed = speed_of(experiment, body, "the steady intervals")
-    torque = experiment.signal("motor_torque", "the steady intervals")
-    found, _ = steady_intervals([speed, torque], experiment.segments)
-    inertia = _rough_inertia(speed, torque, experiment)
-    rms = float(np.sqrt(np.nanmean(torque**2)))
-    roles = {role: experiment.signals[role] for role in ("shaft_torque", "load_speed", "load_angle")
-             if role in experiment.signals}
-    if "load_angle" in roles and "load_speed" not in roles:
-        roles["load_speed"] = speed_of(experiment, "load", "the steady intervals")
-    roles.pop("load_angle", None)
+    why = "the steady intervals"
+    roles = {"motor_torque": experiment.signal("motor_torque", why),
+             "motor_speed": speed_of(experiment, "motor", why)}
+    torque, speed = roles["motor_torque"], roles["motor_speed"]
+    if "shaft_torque" in experiment.signals:
+        roles["shaft_torque"] = experiment.signals["shaft_torque"]
+        roles["difference"] = torque - roles["shaft_torque"]
+    if {"load_speed", "load_angle"} & set(experiment.signals):
+        roles["load_speed"] = speed_of(experiment, "load", why)
+    inertia = {role: rough_inertia(speed, values, experiment) for role, values in roles.items()
+               if not role.endswith("speed")}
+    hidden = HIDDEN * float(np.sqrt(np.nanmean(torque**2)))
     intervals = []
+    found, _ = steady_intervals([speed, torque], experiment.segments)
     for first, last in found:
-        first = _settled(speed, first, last, experiment.step, inertia, HIDDEN * rms)
-        if first is None or last - first < 2 * BATCHES:
-            continue
-        part = {"motor_torque": torque, "motor_speed": speed, **roles}
-        cut = {role: values[first:last] for role, values in part.items()}
-        if all(np.isfinite(values).mean() > 0.5 for values in cut.values()):
-            intervals.append(Interval(experiment.name, first * experiment.step, last * experiment.step,
-                                      experiment.step, cut))
+        settled = _settled(speed, first, last, experiment.step, inertia["motor_torque"], hidden)
+        cut = {role: values[settled:last] for role, values in roles.items()} if settled is not None else {}
+        if cut and all(np.isfinite(values).mean() > 0.5 for values in cut.values()):
+            rise, rise_std = _rise(cut["motor_speed"], experiment.step)
+            intervals.append(Interval(experiment.name, settled * experiment.step, last * experiment.step,
+                                      experiment.step, rise, rise_std, inertia, cut))
     return intervals
 
 
-def _rough_inertia(speed: np.ndarray, torque: np.ndarray, experiment: Experiment) -> float:
-    """Inertia of the whole drive from block means, good to a factor of two; 0 if it does not show."""
-    best, surest = 0.0, 0.0
+def rough_inertia(speed: np.ndarray, torque: np.ndarray, experiment: Experiment) -> float:
+    """Inertia that a torque accelerates, from block means over the whole record; 0 if it does not show."""
+    best, surest = 0.0, 10.0
     for share in (2000, 500, 100):
         inertia, sure = _regressed_inertia(speed, torque, experiment, max(1, experiment.size // share))
         if sure > surest:
@@ -97,9 +104,10 @@ def _regressed_inertia(speed: np.ndarray, torque: np.ndarray, experiment: Experi
     for first, last in experiment.segments:
         w, t = (block_means(x[first:last], length) for x in (speed, torque))
         if len(w) > 2:
+            # Weighted like the mean torque of three blocks, so that a corner in the speed matters little.
             rise = (w[2:] - w[:-2]) / (2 * length * experiment.step)
             rows.append(np.column_stack([rise, w[1:-1], np.ones(len(rise)), np.sign(w[1:-1])]))
-            sums.append(t[1:-1])
+            sums.append((t[2:] + 2 * t[1:-1] + t[:-2]) / 4)
     if not rows:
         return 0.0, 0.0
     a, b = np.concatenate(rows), np.concatenate(sums)
@@ -119,11 +127,11 @@ def _settled(speed: np.ndarray, first: int, last: int, step: float, inertia: flo
     inertia times the slope of the speed is the torque that a drift takes; it matters from `hidden` on.
     """
     begin = first + round(TAIL * (last - first))
-    while last - begin >= max(2 * BATCHES, (last - first) // 3):
-        length = (last - begin) // BATCHES
+    while last - begin >= max(2 * BATCHES[0], (last - first) // 3):
+        length = (last - begin) // BATCHES[0]
         means = block_means(speed[begin:last], length)
         known = np.flatnonzero(np.isfinite(means))
-        if len(known) < BATCHES // 2:
+        if len(known) < BATCHES[0] // 2:
             return None
         line = stats.linregress(known * length * step, means[known])
         if inertia * line.stderr > hidden:
@@ -134,38 +142,82 @@ def _settled(speed: np.ndarray, first: int, last: int, step: float, inertia: flo
     return None
 
 
+def _rise(speed: np.ndarray, step: float) -> tuple[float, float]:
+    """(mean acceleration, its standard deviation) over an interval."""
+    means = block_means(speed, len(speed) // BATCHES[0])[:BATCHES[0]]
+    means = means[np.isfinite(means)]
+    # The tenths lie nine tenths of the duration apart, but their distance from its ends is part of it.
+    change = means[-2:].mean() - means[:2].mean()
+    noise = np.diff(means).std() / np.sqrt(2)
+    duration = len(speed) * step
+    return float(change / duration), float(noise / duration)
+
+
 def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tuple[np.ndarray, float]:
-    """Variance of the mean of each series of correlated noise, and their degrees of freedom.
+    """Variance of the mean of each series of correlated noise, and its degrees of freedom.
 
-    Batch means, with the covariance of neighbouring batches added: noise of the torque adds up over a
-    batch, but what only swings to and fro (acceleration of the inertia) is taken back in the next one
-    and must not count. The noise is taken as equally strong in all series unless their batches differ
-    (Bartlett's test at 0.1 %).
+    The mean of stationary noise over a time L has the variance a/L + b/L^2 once L is longer than the
+    noise remembers: a is the strength of what adds up, b is negative for noise that changes slowly, and
+    positive for what is taken back, like the torque that accelerates the inertia to and fro. Both are
+    fitted to the scatter of batch means of several lengths, in all the series together, and give the
+    variance at the full length. A series whose batches scatter differently from the others (Bartlett's
+    test at 0.1 %) uses its own scatter.
 
-    series   (n_i,) each, n_i >= 2 BATCHES; NaN counts as the mean; steps [s]
+    series   (n_i,) each, n_i >= 2 max(BATCHES); NaN counts as the mean; steps [s]
     returns  (k,) variances; degrees of freedom
     """
-    zero, one, duration = [], [], []
-    for values, step in zip(series, steps, strict=True):
-        values = np.where(np.isfinite(values), values, np.nanmean(values))
-        length = len(values) // BATCHES
-        means = block_means(values, length)[:BATCHES]
-        off = means - means.mean()
-        zero.append(float(off @ off) * length * step)
-        one.append(float(off[1:] @ off[:-1]) * length * step)
-        duration.append(len(values) * step)
-    zero, one, duration = np.array(zero), np.array(one), np.array(duration)
-    n, k = BATCHES, len(series)
-    if zero.sum() == 0.0:
-        return np.zeros(k), float(k * (n - 1))
-    # For white noise the sums have the expectations (n-1) and -(n-1)/n times its strength.
-    plain = zero / (n - 1)
-    strength = float(np.sum(zero + 2 * one)) / (k * (n - 1) * (1 - 2 / n))
-    share = max(0.05, strength / float(plain.mean()))
-    # A sum of one variance and two covariances is three times as uncertain as a variance.
-    if _alike(plain, n - 1):
-        return share * plain.mean() / duration, k * (n - 1) / 3
-    return share * plain / duration, (n - 1) / 2
+    duration = np.array([len(values) * step for values, step in zip(series, steps, strict=True)])
+    scatter = np.array([_batch_variances(values) for values in series])
+    if scatter.max() == 0.0:
+        return np.zeros(len(series)), float(len(series) * (BATCHES[0] - 1))
+    count = np.array(BATCHES)[None, :]
+    length = duration[:, None] / count
+    # Expectation of the scatter about the series' own mean, which takes the variance at full length off.
+    terms = np.stack([1 / length - 1 / duration[:, None], 1 / length**2 - 1 / duration[:, None]**2], axis=-1)
+    terms *= (count / (count - 1))[..., None]
+    strength, covariance = _fit_strengths(terms.reshape(-1, 2), scatter.ravel(),
+                                          np.broadcast_to(count - 1, scatter.shape).ravel())
+    full = np.column_stack([1 / duration, 1 / duration**2])
+    # The mean cannot be surer than if the finest batches were independent of each other, by far.
+    variance = np.maximum(full @ strength, 0.01 * scatter.mean(axis=0)[0] / BATCHES[0])
+    middle = full[np.argsort(duration)[len(duration) // 2]]
+    spread = middle @ covariance @ middle
+    # Batches of all lengths come from the same samples: less information than they seem to hold.
+    overlap = sum(n - 1 for n in BATCHES) / (BATCHES[0] - 1)
+    dof = max(3.0, 2 * float(np.median(variance))**2 / (spread * overlap))
+    ratio = scatter[:, 0] / np.maximum(terms[:, 0] @ strength, 0.1 * scatter[:, 0].mean())
+    if _alike(ratio, BATCHES[0] - 1):
+        return variance, dof
+    return variance * ratio, min(dof, float(BATCHES[0] - 1))
+
+
+def _batch_variances(values: np.ndarray) -> list[float]:
+    """Variance between batch means, for each number of batches."""
+    values = np.where(np.isfinite(values), values, np.nanmean(values))
+    return [float(np.var(block_means(values, len(values) // n)[:n], ddof=1)) for n in BATCHES]
+
+
+def _fit_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(a, b) of scatter = terms @ (a, b), and their covariance.
+
+    A variance with `dof` degrees of freedom has a relative standard deviation of sqrt(2/dof).
+    """
+    scale = terms.mean(axis=0)
+    predicted = np.full(len(scatter), scatter.mean())
+    columns = np.array([True, True])
+    for _ in range(12):
+        weight = np.sqrt(dof / 2) / predicted
+        rows = (terms / scale * weight[:, None])[:, columns]
+        found = np.zeros(2)
+        found[columns] = np.linalg.lstsq(rows, scatter * weight, rcond=None)[0]
+        if found[0] < 0:
+            # No noise adds up: all of it swings to and fro.
+            columns[0] = False
+            found = np.array([0.0, max(found[1], 1e-3 * scatter.mean())])
+        predicted = np.maximum(terms / scale @ found, 0.1 * scatter.mean())
+    covariance = np.zeros((2, 2))
+    covariance[np.ix_(columns, columns)] = np.linalg.inv(rows[:, :columns.sum()].T @ rows[:, :columns.sum()])
+    return found / scale, covariance / np.outer(scale, scale)
 
 
 def _alike(variances: np.ndarray, dof: int) -> bool:
@@ -177,17 +229,3 @@ def _alike(variances: np.ndarray, dof: int) -> bool:
         return False
     spread = dof * (k * np.log(variances.mean()) - np.log(variances).sum())
     return bool(stats.chi2.sf(spread / (1 + (k + 1) / (3 * k * dof)), k - 1) > 1e-3)
-
-
-def is_standing(speeds: np.ndarray) -> np.ndarray:
-    """(k,) which means are standstill: sticking friction takes any torque, so they are on no line."""
-    return np.abs(speeds) < 0.01 * np.abs(speeds).max(initial=0.0)
-
-
-def total_start(drive: Drive, suffix: str) -> float | None:
-    """Start value of the sum over all bodies; None if nothing is known."""
-    total = f"total.{suffix}"
-    if total in drive.values:
-        return drive.values[total]
-    parts = [drive.values[f"{body}.{suffix}"] for body in drive.bodies if f"{body}.{suffix}" in drive.values]
-    return sum(parts) if parts else None

@@ -1,0 +1,141 @@
+"""An outcome of the engine as an Estimate: figures, noise, findings, exhibits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+from drivetool.identify.engine import Outcome, free_run, looks_coloured
+from drivetool.identify.estimate import Estimate, Exhibit
+from drivetool.identify.noise import filtered
+from drivetool.identify.results import parameters_of
+
+
+def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
+    """100 (1 - |y - y^| / |y - mean y|) over the samples that both have."""
+    good = np.isfinite(measured) & np.isfinite(modelled)
+    y, e = measured[good], (measured - modelled)[good]
+    spread = np.linalg.norm(y - y.mean()) if len(y) else 0.0
+    return float(100.0 * (1.0 - np.linalg.norm(e) / spread)) if spread > 0.0 else float("nan")
+
+
+def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),
+            details: Mapping[str, object] | None = None,
+            fit: Mapping[str, float | int | None] | None = None) -> Estimate:
+    """The Estimate of a step.
+
+    before    the drive with its start values
+    findings  what the step itself found; those of the fit are added
+    fit       further figures
+    """
+    task, problem, solution = outcome.task, outcome.problem, outcome.solution
+    after = outcome.drive
+    lines, covariance, more = parameters_of(problem, solution, before, after)
+    _, point, runs = free_run(task.at_point(solution.point))
+    traces = task.problem(free=()).traces
+    y = np.concatenate([t.outputs[:, 0] for t in traces])
+    simulated = np.concatenate([r[:, 0] for r in runs])
+    figures = {
+        "simulation_fit_percent": fit_percent(y, simulated),
+        "one_step_fit_percent": _one_step(outcome, y),
+        "rmse": float(np.sqrt(np.nanmean((y - simulated) ** 2))),
+        "n": int(np.isfinite(y).sum()),
+        **(fit or {}),
+    }
+    noise, noise_findings = _noise(outcome)
+    return Estimate(
+        step, after, lines, _sentence(outcome), figures, covariance, noise,
+        {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
+        (*findings, *more, *noise_findings),
+        tuple((e.name, e.sha256) for e in task.experiments), {},
+        _exhibits(outcome, traces, runs))
+
+
+def _one_step(outcome: Outcome, y: np.ndarray) -> float | None:
+    if outcome.fit is None:
+        return None
+    predicted = np.concatenate([t.outputs[:, 0] - f.innovations[:, 0] for t, f in zip(
+        outcome.problem.traces, outcome.fit.passes, strict=True)])
+    return fit_percent(y, predicted)
+
+
+def _sentence(outcome: Outcome) -> str:
+    """How the fit ended, in one sentence."""
+    n = len(outcome.starts)
+    if outcome.fit is not None:
+        ended = "settled" if outcome.converged else "did not settle; give other start values with --set"
+        return f"The innovations fit {ended} after {outcome.fit.rounds} rounds; best of {n} start(s)."
+    ended = "converged" if outcome.converged else "did not converge; give other start values with --set"
+    return f"The simulation-error fit {ended} after {outcome.solution.iterations} iterations; best of {n} start(s)."
+
+
+def _noise(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
+    """Noise figures in SI, and what they mean."""
+    problem, solution, task = outcome.problem, outcome.solution, outcome.task
+    sigma = float(np.sqrt(solution.cost / max(problem.count - problem.unknowns, 1)))
+    noise = {f"sensor_std.{role}": sigma * float(s) for role, s in zip(
+        task.roles.outputs, problem.scale if outcome.fit is None else outcome.fit.noise.scale, strict=True)}
+    findings = []
+    if outcome.fit is None:
+        return noise, [Finding(
+            "note", "simulation-criterion",
+            "The intervals assume that the torque is known exactly and only the sensors are noisy; under "
+            "torque noise they are too narrow.", {}, "Use --criterion innovations for intervals that hold.")]
+    model = outcome.fit.noise
+    noise["torque_std"] = model.ratio * sigma
+    if model.memory is not None:
+        noise["torque_correlation_time"] = -problem.traces[0].step / float(np.log(model.memory))
+    if any(e.torque_is == "measurement" for e in task.experiments):
+        findings.append(Finding(
+            "warning", "torque-is-measured",
+            "The logged torque is a measurement: its noise was not applied to the drive, and no weighting "
+            "repairs that.", {"torque_std": noise["torque_std"]},
+            "Log the torque command if the drive offers it."))
+    elif all(e.torque_is == "unknown" for e in task.experiments):
+        findings.append(Finding(
+            "note", "torque-command-assumed",
+            "The logged torque is taken as the command, with the noise between it and the shaft.", {},
+            "State torque_is: command or measurement in the channel map."))
+    if looks_coloured(outcome.fit.passes):
+        findings.append(Finding(
+            "warning", "innovations-correlated",
+            "One-step errors are still correlated: the model leaves something out, and the intervals are "
+            "conditional on its structure.", {}, "Run validate, then diagnose."))
+    return noise, findings
+
+
+def _exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:
+    task = outcome.task
+    unit = _unit(task.roles.outputs[0], task.experiments[0])
+    label = task.roles.outputs[0].replace("_", " ")
+    found = []
+    for e in task.experiments:
+        mine = [i for i, t in enumerate(traces) if t.name == e.name]
+        y = np.concatenate([traces[i].outputs[:, 0] for i in mine])
+        s = np.concatenate([runs[i][:, 0] for i in mine])
+        u = np.concatenate([traces[i].inputs[:, 0] for i in mine])
+        t = np.concatenate([np.arange(a, b) for a, b in e.segments if b - a >= 10]) * e.step
+        found.append(Exhibit("record", f"{e.name}: measured and simulated", "time [s]", f"{label} [{unit}]", {
+            "measured": (t, y), "simulated": (t, s), "residual": (t, y - s),
+            f"torque [{e.torque_unit}]": (t, u)}))
+    return tuple(found)
+
+
+def _unit(role: str, experiment) -> str:
+    if role.endswith("speed"):
+        return f"{experiment.motion_unit}/s"
+    return experiment.motion_unit if role.endswith("angle") else experiment.torque_unit
+
+
+def innovation_passes(outcome: Outcome):
+    """Kalman passes at the estimate, with gains."""
+    return filtered(outcome.problem, outcome.solution.point, outcome.fit.noise)
+
+
+def with_findings(estimate: Estimate, findings: Sequence[Finding]) -> Estimate:
+    """The estimate with more findings."""
+    return replace(estimate, findings=(*estimate.findings, *findings))

@@ -1,0 +1,134 @@
+"""From a fit to the lines of a table: value, interval, status, and why there is no interval."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivetool.drive.chain import TOTALS, Drive
+from drivetool.errors import Finding
+from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.identify.least_squares import Solution, blocked, schur
+from drivetool.identify.problem import Problem
+
+# Variance inflation by the other parameters above which a direction counts as not told.
+COLLINEAR = 1e4
+Z95 = 1.959963984540054
+
+
+def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(covariance (k, k), inflation (k,), free (k,)): inverse information, start states eliminated.
+
+    inflation  variance over the variance if all other parameters were known; infinite where the
+               record says nothing
+    free       whether a parameter is off its bound; the others have no covariance
+    """
+    normal = solution.normal
+    matrix, _, _ = schur(normal)
+    free = ~blocked(problem, solution.point, normal)
+    k = len(free)
+    covariance, inflation = np.full((k, k), np.nan), np.full(k, np.inf)
+    own = np.diag(normal.shared)
+    i = np.flatnonzero(free & (own > 0.0))
+    if len(i) == 0:
+        return covariance, inflation, free
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    size = np.sqrt(own[i])
+    values, vectors = np.linalg.eigh(matrix[np.ix_(i, i)] / np.outer(size, size))
+    good = values > 1e-13 * max(values.max(), 1e-300)
+    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    lost = np.sum(vectors[:, ~good] ** 2, axis=1) > 1e-3
+    covariance[np.ix_(i, i)] = variance * inverse / np.outer(size, size)
+    inflation[i] = np.where(lost, np.inf, np.diag(inverse))
+    return covariance, inflation, free
+
+
+def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Drive,
+                  ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
+    """One Parameter per value of the drive, their covariance, and what could not be told.
+
+    before, after  the drive with start values and with fitted values
+    """
+    covariance, inflation, free = covariance_of(problem, solution)
+    lines, findings = {}, []
+    for j, name in enumerate(problem.names):
+        value = float(solution.point.values[j])
+        std = float(np.sqrt(covariance[j, j])) if np.isfinite(covariance[j, j]) else None
+        low, high = problem.low[j], problem.high[j]
+        common = (name, value, after.unit(name), before.value(name))
+        if not free[j]:
+            upper = _beyond_bound(problem, solution, j)
+            limit = (float(low), float(min(low + upper, high))) if value <= low else (
+                float(max(high - upper, low)), float(high))
+            lines[name] = Parameter(*common, None, limit, "at-bound",
+                                    f"the best value lies on the bound {value:g}; the interval is one-sided")
+        elif std is None or not told(value, std, inflation[j], before, name):
+            partners = partners_of(covariance, problem.names, j)
+            reason = why_not(name, partners, after)
+            lines[name] = Parameter(*common, None, None, "not-identifiable", reason)
+            findings.append(Finding(
+                "warning", "not-identifiable", f"{name} cannot be told from this record: {reason}",
+                {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after)))
+        else:
+            ci = (max(value - Z95 * std, float(low)), min(value + Z95 * std, float(high)))
+            lines[name] = Parameter(*common, std, ci, "fitted")
+    for name, value in after.values.items():
+        lines.setdefault(name, Parameter(name, float(value), after.unit(name), float(value),
+                                         status="held", reason="held at its start value"))
+    order = [n for n in after.quantities if n in lines]
+    kept = [j for j, n in enumerate(problem.names) if lines[n].status == "fitted"]
+    matrix = covariance[np.ix_(kept, kept)]
+    shared = Covariance(tuple(problem.names[j] for j in kept), matrix) if kept else None
+    return tuple(lines[n] for n in order), shared, tuple(findings)
+
+
+def _beyond_bound(problem: Problem, solution: Solution, j: int) -> float:
+    """How far inside its bound the parameter may lie: 95 %, one-sided."""
+    matrix, slope, _ = schur(solution.normal)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    with np.errstate(all="ignore"):
+        std = np.sqrt(variance * np.linalg.pinv(matrix, hermitian=True)[j, j])
+    # The slope pushes against the bound: the likelihood falls as exp(-s x - x^2 / (2 std^2)).
+    push = abs(slope[j]) / variance * std
+    return float(std * (np.sqrt(push**2 + 1.645**2) - push)) if std > 0.0 else 0.0
+
+
+def told(value: float, std: float, inflation: float, drive: Drive, name: str) -> bool:
+    """Whether an interval says something: not a blur that other parameters can imitate."""
+    size = max(abs(value), abs(drive.value(name) or 0.0))
+    size = size if np.isfinite(size) else abs(value)
+    if drive.quantity(name).neutral is None:
+        return std < size
+    return not (inflation > COLLINEAR and std > size)
+
+
+def partners_of(covariance: np.ndarray, names: Sequence[str], j: int) -> list[str]:
+    """Parameters that trade against one another with parameter j."""
+    if not np.isfinite(covariance[j, j]) or covariance[j, j] <= 0.0:
+        return []
+    found = []
+    for i, name in enumerate(names):
+        if i != j and np.isfinite(covariance[i, i]) and covariance[i, i] > 0.0:
+            rho = covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j])
+            if abs(rho) > 0.9:
+                found.append(name)
+    return found
+
+
+def why_not(name: str, partners: Sequence[str], drive: Drive) -> str:
+    """The reason in words."""
+    if partners:
+        return f"it trades against {', '.join(partners)}, and only their combination shows"
+    return f"it does not show in the outputs ({drive.quantity(name).meaning})"
+
+
+def experiment_for(name: str, drive: Drive) -> str:
+    """What to record so that a parameter shows."""
+    suffix = name.rpartition(".")[2]
+    if suffix in TOTALS.values() and name not in TOTALS:
+        return f"Log the load speed or the shaft torque, or fit total.{suffix} instead."
+    for effect, owner, _ in drive.effects():
+        if f"{owner}.{suffix}" == name or (name in TOTALS and suffix in effect.quantities):
+            return f"Needed: {effect.needs}."
+    return "Hold it with --hold."
