@@ -54,11 +54,13 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     drive = drive_for(job, opened)
     for name in (*options.hold, *options.free):
         drive.quantity(name)
+    options = replace(options, known=opened.loaded.covariance(drive))
     try:
         estimate = estimator(opened.experiments, drive, options)
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    used = asdict(options) | dict(estimate.options) | {"set": list(job.set)}
+    used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
+    used.pop("known")
     estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))
     return deliver(job, estimate_file(estimate, opened.inputs), estimate.exhibits)

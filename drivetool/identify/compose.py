@@ -10,9 +10,11 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
-from drivetool.identify.estimate import Estimate, Exhibit
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit
 from drivetool.identify.noise import filtered
-from drivetool.identify.results import parameters_of
+from drivetool.identify.problem import Point
+from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
+from drivetool.identify.setup import problem_of
 
 
 def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
@@ -25,16 +27,19 @@ def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
 
 def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),
             details: Mapping[str, object] | None = None,
-            fit: Mapping[str, float | int | None] | None = None) -> Estimate:
+            fit: Mapping[str, float | int | None] | None = None,
+            known: Covariance | None = None) -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
     findings  what the step itself found; those of the fit are added
     fit       further figures
+    known     covariance of the values the step was given
     """
     task, problem, solution = outcome.task, outcome.problem, outcome.solution
     after = outcome.drive
-    lines, covariance, more = parameters_of(problem, solution, before, after)
+    extra, held = _from_held(outcome, known)
+    lines, covariance, more = parameters_of(problem, solution, before, after, extra)
     _, point, runs = free_run(task.at_point(solution.point))
     traces = task.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
@@ -50,9 +55,37 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     return Estimate(
         step, after, lines, _sentence(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*findings, *more, *noise_findings),
+        (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         _exhibits(outcome, traces, runs))
+
+
+def _from_held(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:
+    """What the uncertainty of held values adds to the covariance, and whether it dominates."""
+    task = outcome.task
+    names = tuple(n for n in known.names if n not in task.free and n in task.drive.quantities) if known else ()
+    total = [n for n in names if n in task.drive.values]
+    if not total or not task.free or outcome.fit is None:
+        return None, []
+    index = [known.names.index(n) for n in total]
+    held = Covariance(tuple(total), known.matrix[np.ix_(index, index)])
+    task = task.at_point(outcome.solution.point)
+    problem = problem_of(task.drive, (*task.free, *total), task.roles, outcome.problem.traces)
+    values = np.array([task.drive.value(n) for n in problem.names])
+    point = Point(values, outcome.solution.point.starts)
+    noise = outcome.fit.noise
+    gains = [f.gains for f in filtered(problem, point, replace(noise, memory=None))]
+    extra = held_uncertainty(problem, problem.normal(point, gains), held)
+    own, _, _ = covariance_of(outcome.problem, outcome.solution)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.sqrt(np.diag(extra) / np.diag(own))
+    heavy = {n: float(r) for n, r in zip(task.free, share, strict=True) if np.isfinite(r) and r > 2.0}
+    if not heavy:
+        return extra, []
+    return extra, [Finding(
+        "note", "held-values-dominate",
+        f"The interval of {', '.join(heavy)} comes mostly from the uncertainty of the values that were held.",
+        heavy, f"This record may know them better: add --free {' --free '.join(total[:4])}.")]
 
 
 def _one_step(outcome: Outcome, y: np.ndarray) -> float | None:

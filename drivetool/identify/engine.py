@@ -19,6 +19,7 @@ from drivetool.identify.setup import Roles, first_point, first_states, problem_o
 from drivetool.logs.experiment import Experiment
 
 SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
+SCREEN = 3  # rounds after which only the best two of several starts go on
 COLOUR_GAIN = 10.0  # log likelihood that two more noise parameters must bring
 
 
@@ -80,14 +81,21 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome
     problem = task.problem()
     fits: list[Fit] = []
     tried = []
+    several = len(starts) > 1
     for values in starts:
         start = task.at(values)
         point = first_point(start.drive, problem, task.roles)
         for way in _ways(start):
             linear = None if way == "direct" else problem_of(
                 _linear(start.drive), (), task.roles, problem.traces)
-            fits.append(fit_innovations(problem, point, linear=_same_values(linear, problem)))
+            fits.append(fit_innovations(problem, point, linear=_same_values(linear, problem),
+                                        most=SCREEN if several else 8))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
+    if several:  # the hopeless are not worth polishing
+        order = sorted(range(len(fits)), key=lambda i: fits[i].value)
+        for i in order[:2]:
+            if not fits[i].converged:
+                fits[i] = fit_innovations(problem, fits[i].point, fits[i].noise)
     best = min(fits, key=lambda f: f.value)
     best = settle(problem, best)
     for entry, fit in zip(tried, fits, strict=True):
@@ -114,6 +122,13 @@ def _same_values(linear: Problem | None, problem: Problem) -> Problem | None:
     build = linear.build
     return replace(linear, build=lambda values, trace, gradient, memory: build(
         np.empty(0), trace, gradient, memory))
+
+
+def frozen(task: Task) -> Outcome:
+    """The outcome of a fit in which only the noise and the start states are free."""
+    problem = task.problem(free=())
+    fit = fit_innovations(problem, Point(np.empty(0), first_states(task.drive, task.roles, problem.traces)))
+    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
 
 
 def coloured(outcome: Outcome) -> Outcome:

@@ -52,7 +52,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     outcome = fit_task(task, options, [{}])
     outcome = coloured(split_totals(outcome, options))
     figures, findings = both_criteria(outcome, options)
-    return compose("greybox", drive, outcome, findings, {}, figures)
+    return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from drivetool.identify.estimate import Covariance
+
 Criterion = Literal["innovations", "simulation"]
 
 
@@ -20,6 +22,8 @@ class Options:
     segment    length [s] of the segments with free start states of a simulation-error
                fit; None: the estimator decides; 0: one free run over each record
     seed       of everything random
+    known      covariance of the values that the parameter files bring, so that the interval of
+               what is fitted includes the uncertainty of what is held
     """
 
     hold: tuple[str, ...] = ()
@@ -28,3 +32,4 @@ class Options:
     starts: int | None = None
     segment: float | None = None
     seed: int = 1
+    known: Covariance | None = None

@@ -10,7 +10,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.least_squares import Solution, blocked, schur
-from drivetool.identify.problem import Problem
+from drivetool.identify.problem import Normal, Problem
 
 # Variance inflation by the other parameters above which a direction counts as not told.
 COLLINEAR = 1e4
@@ -44,13 +44,29 @@ def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.
     return covariance, inflation, free
 
 
+def held_uncertainty(problem: Problem, normal: Normal, held: Covariance) -> np.ndarray:
+    """(k, k) what the uncertainty of held values adds to the covariance of the fitted ones.
+
+    problem  with the held names after the k fitted ones; normal: its equations at the estimate
+    held     covariance of the held values, in the order of those last names
+    """
+    matrix, _, _ = schur(normal)
+    k = len(problem.names) - len(held.names)
+    gain = np.linalg.pinv(matrix[:k, :k], hermitian=True) @ matrix[:k, k:]
+    return gain @ held.matrix @ gain.T
+
+
 def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Drive,
+                  extra: np.ndarray | None = None,
                   ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
     """One Parameter per value of the drive, their covariance, and what could not be told.
 
     before, after  the drive with start values and with fitted values
+    extra          (k, k) covariance that comes from held values
     """
     covariance, inflation, free = covariance_of(problem, solution)
+    if extra is not None:
+        covariance = covariance + extra
     lines, findings = {}, []
     for j, name in enumerate(problem.names):
         value = float(solution.point.values[j])

@@ -69,7 +69,8 @@ def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> lis
     load = "load_speed" if all("load_speed" in i.signals for i in intervals) else "motor_speed"
     if ratio != 1.0:
         raise BadOption("a direct shaft to use its torque", f"a ratio of {ratio:g}",
-                        "Leave shaft_torque out of the channel map, or refer it to the motor and drop the ratio.")
+                        "Leave shaft_torque out of the channel map, or refer it to the motor and drop "
+                        "the ratio.")
     return [_task("difference", "motor_speed", drive.bodies[0], drive, options),
             _task("shaft_torque", load, drive.bodies[1], drive, options)]
 
@@ -133,7 +134,8 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
         fit={"simulation_fit_percent": None, "one_step_fit_percent": None, "rmse": rmse,
              "n": sum(len(i.signals["motor_torque"]) for i in points.intervals),
              "intervals": len(points.speed), "levels": levels,
-             "chi2": sum(line.chi2 for *_, line in results), "chi2_dof": sum(line.dof for *_, line in results)},
+             "chi2": sum(line.chi2 for *_, line in results),
+             "chi2_dof": sum(line.dof for *_, line in results)},
         covariance=_covariance(results),
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
         findings=tuple(findings), data=tuple((e.name, e.sha256) for e in experiments),

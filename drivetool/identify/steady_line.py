@@ -14,7 +14,7 @@ from drivetool.identify.steady_points import Interval, mean_variances
 KEYS = ("viscous", "idle_torque", "coulomb")
 # Means of speed closer than this share of the fastest are one level.
 SAME_LEVEL = 0.02
-# Slower than this share of the fastest is standstill: sticking friction takes any torque there.
+# Slower than this share of the fastest motion is standstill: sticking friction takes any torque there.
 STANDSTILL = 0.01
 # The scatter counts as larger than predicted below this probability.
 UNLIKELY = 0.01
@@ -93,7 +93,7 @@ def make_points(intervals: Sequence[Interval], torque: str, speed: str) -> Point
     torque, speed  roles
     """
     w = np.array([i.mean(speed) for i in intervals])
-    moving = np.abs(w) > STANDSTILL * np.abs(w).max(initial=0.0)
+    moving = np.abs(w) > STANDSTILL * max(i.fastest for i in intervals)
     kept = tuple(i for i, m in zip(intervals, moving, strict=True) if m)
     if not kept:
         return None

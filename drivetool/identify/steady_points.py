@@ -15,7 +15,7 @@ from drivetool.logs.experiment import Experiment
 # noise still shifts the mean.
 TAIL = 0.25
 # Batches per interval, most first.
-BATCHES = (12, 6, 4)
+BATCHES = (15, 10, 5)
 # A hidden acceleration may take at most this share of the record's torque.
 HIDDEN = 0.01
 
@@ -28,6 +28,7 @@ class Interval:
     step              [s]
     rise, rise_std    what is left of the acceleration: change of speed from the first to the last tenth,
                       over the duration, and its standard deviation
+    fastest           speed that the record exceeds 1 % of the time
     inertia           role of a torque -> inertia that it accelerates, good to a few percent; 0 if unknown
     signals           role -> (n,) samples of that interval
     """
@@ -38,6 +39,7 @@ class Interval:
     step: float
     rise: float
     rise_std: float
+    fastest: float
     inertia: Mapping[str, float]
     signals: Mapping[str, np.ndarray]
 
@@ -61,7 +63,7 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
     """The steady intervals of a record, settled: without their tails, and none that drifts.
 
     experiment  with motor_torque and the speed or angle of the motor
-    returns     Intervals of at least 40 samples, in order; "difference" is motor less shaft torque
+    returns     Intervals of at least 30 samples, in order; "difference" is motor less shaft torque
     """
     why = "the steady intervals"
     roles = {"motor_torque": experiment.signal("motor_torque", why),
@@ -74,6 +76,7 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
         roles["load_speed"] = speed_of(experiment, "load", why)
     inertia = {role: rough_inertia(speed, values, experiment) for role, values in roles.items()
                if not role.endswith("speed")}
+    fastest = float(np.nanquantile(np.abs(speed), 0.99))
     hidden = HIDDEN * float(np.sqrt(np.nanmean(torque**2)))
     intervals = []
     found, _ = steady_intervals([speed, torque], experiment.segments)
@@ -83,7 +86,7 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
         if cut and all(np.isfinite(values).mean() > 0.5 for values in cut.values()):
             rise, rise_std = _rise(cut["motor_speed"], experiment.step)
             intervals.append(Interval(experiment.name, settled * experiment.step, last * experiment.step,
-                                      experiment.step, rise, rise_std, inertia, cut))
+                                      experiment.step, rise, rise_std, fastest, inertia, cut))
     return intervals
 
 
@@ -168,7 +171,8 @@ def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tupl
     """
     duration = np.array([len(values) * step for values, step in zip(series, steps, strict=True)])
     scatter = np.array([_batch_variances(values) for values in series])
-    if scatter.max() == 0.0:
+    # A constant, as a commanded torque is: what is left are rounding errors.
+    if scatter.max() <= 1e-20 * max(float(np.nanmax(np.square(values))) for values in series):
         return np.zeros(len(series)), float(len(series) * (BATCHES[0] - 1))
     count = np.array(BATCHES)[None, :]
     length = duration[:, None] / count
@@ -178,8 +182,8 @@ def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tupl
     strength, covariance = _fit_strengths(terms.reshape(-1, 2), scatter.ravel(),
                                           np.broadcast_to(count - 1, scatter.shape).ravel())
     full = np.column_stack([1 / duration, 1 / duration**2])
-    # The mean cannot be surer than if the finest batches were independent of each other, by far.
-    variance = np.maximum(full @ strength, 0.01 * scatter.mean(axis=0)[0] / BATCHES[0])
+    # If all the noise is taken back, the mean over n batches has 1/n^2 of their variance; no less.
+    variance = np.maximum(full @ strength, scatter[:, 0].mean() / BATCHES[0]**2)
     middle = full[np.argsort(duration)[len(duration) // 2]]
     spread = middle @ covariance @ middle
     # Batches of all lengths come from the same samples: less information than they seem to hold.
@@ -197,7 +201,8 @@ def _batch_variances(values: np.ndarray) -> list[float]:
     return [float(np.var(block_means(values, len(values) // n)[:n], ddof=1)) for n in BATCHES]
 
 
-def _fit_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _fit_strengths(terms: np.ndarray, scatter: np.ndarray,
+                   dof: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(a, b) of scatter = terms @ (a, b), and their covariance.
 
     A variance with `dof` degrees of freedom has a relative standard deviation of sqrt(2/dof).

@@ -50,17 +50,20 @@ def parameter(name: str, key: str, task: Task, points: Points, line: Line, drive
         start = task.start.get(key)
     if key in line.at_bound:
         free, std = line.at_bound[key]
-        return Parameter(name, 0.0, unit, start, None, (0.0, max(0.0, free + line.quantile * std)), "at-bound",
-                         f"came out negative ({free:.4g} +- {std:.2g} {unit}), which no friction is")
+        return Parameter(name, 0.0, unit, start, ci95=(0.0, max(0.0, free + line.quantile * std)),
+                         status="at-bound",
+                         reason=f"came out negative ({free:.4g} +- {std:.2g} {unit}), which no friction is")
     if key in line.conditional:
-        return Parameter(name, value, unit, start, status="not-identifiable", reason=_loose(key, points, line))
+        return Parameter(name, value, unit, start, status="not-identifiable",
+                         reason=_loose(key, points, line))
     if key not in line.free:
         return Parameter(name, value, unit, start, status="not-identifiable",
                          reason="one direction only: counted in the idle torque; steady running in both "
                                 "directions tells them apart")
     at = line.free.index(key)
     std = float(np.sqrt(line.covariance[at, at]))
-    return Parameter(name, value, unit, start, std, (value - line.quantile * std, value + line.quantile * std))
+    half = line.quantile * std
+    return Parameter(name, value, unit, start, std, (value - half, value + half))
 
 
 def _loose(key: str, points: Points, line: Line) -> str:
@@ -68,8 +71,8 @@ def _loose(key: str, points: Points, line: Line) -> str:
     speed = float(np.mean(points.levels))
     if key == "viscous":
         return f"all intervals are at one speed ({speed:.4g}): assumed; run at two or more speeds"
-    return (f"known only together with the viscous friction, assumed {line.values['viscous']:.4g}, because all "
-            f"intervals are at one speed ({speed:.4g}); run at two or more speeds")
+    return (f"known only together with the viscous friction, assumed {line.values['viscous']:.4g}, because "
+            f"all intervals are at one speed ({speed:.4g}); run at two or more speeds")
 
 
 def line_findings(task: Task, points: Points, line: Line, drive: Drive, intervals: int) -> list[Finding]:
@@ -80,15 +83,16 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
     if 0 in (forward, backward) and None not in (task.names["idle_torque"], task.names["coulomb"]):
         sign = "plus" if forward else "less"
         found.append(Finding(
-            "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and Coulomb "
-            f"friction cannot be told apart; {task.names['idle_torque']} holds the idle torque {sign} the "
-            "Coulomb friction.", {"forward": forward, "backward": backward},
+            "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and "
+            f"Coulomb friction cannot be told apart; {task.names['idle_torque']} holds the idle torque "
+            f"{sign} the Coulomb friction.", {"forward": forward, "backward": backward},
             "Add steady intervals in the other direction, if the machine may turn that way."))
     if line.conditional:
+        speed = float(np.mean(points.levels))
+        loose = " and ".join(task.names[key] for key in line.conditional)
         found.append(Finding(
-            "warning", "one-level", f"All steady intervals are at one speed ({np.mean(points.levels):.4g}), so "
-            f"{' and '.join(task.names[key] for key in line.conditional)} cannot be told apart.",
-            {"speed": float(np.mean(points.levels)), "torque": float(np.mean(points.torque))},
+            "warning", "one-level", f"All steady intervals are at one speed ({speed:.4g}), so {loose} cannot be "
+            "told apart.", {"speed": speed, "torque": float(np.mean(points.torque))},
             "Record steady intervals at two or more speeds, the farther apart the better."))
     for key, (value, std) in line.at_bound.items():
         name = task.names[key]
@@ -99,15 +103,17 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
             "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign."))
     if line.unexplained:
         found.append(Finding(
-            "warning", "scatter-beyond-noise", f"The steady points ({task.what}) scatter {line.rmse:.3g} {unit} about "
-            f"the line, {line.inflation:.2g} times what the noise explains; the intervals are widened by that.",
-            {"chi2": line.chi2, "dof": line.dof, "probability": line.probability, "inflation": line.inflation},
+            "warning", "scatter-beyond-noise", f"The steady points ({task.what}) scatter {line.rmse:.3g} "
+            f"{unit} about the line, {line.inflation:.2g} times what the noise explains; the intervals are "
+            "widened by that.", {"chi2": line.chi2, "dof": line.dof, "probability": line.probability,
+                                 "inflation": line.inflation},
             "Look at the picture: a bend is friction that is not linear, scatter at equal speed a load that "
             "changes."))
-    if intervals > len(points.speed):
+    still = intervals - len(points.speed)
+    if still:
         found.append(Finding(
-            "note", "standstill-left-out", f"{intervals - len(points.speed)} steady intervals at standstill are left "
-            "out: sticking friction takes any torque there.", {"intervals": intervals - len(points.speed)}))
+            "note", "standstill-left-out", f"{still} steady intervals at standstill are left out: sticking "
+            "friction takes any torque there.", {"intervals": still}))
     return found
 
 
@@ -116,8 +122,8 @@ def body_findings(task: Task, drive: Drive) -> list[Finding]:
     if len(drive.bodies) == 1:
         return []
     return [Finding(
-        "note", "coulomb-body-unknown", f"{task.names['coulomb']} stands for the Coulomb friction of all bodies; "
-        "steady running does not tell where it acts.", {},
+        "note", "coulomb-body-unknown", f"{task.names['coulomb']} stands for the Coulomb friction of all "
+        "bodies; steady running does not tell where it acts.", {},
         "A record with many slow reversals, or a shaft torque sensor, tells.")]
 
 
@@ -141,10 +147,10 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
             if len(side):
                 ends = sign * np.array([1e-6, 1.05]) * np.abs(side).max()
                 curves[label] = (ends, line.torque(ends))
-        shown.append(Exhibit("steady", f"Steady points: {task.what}", f"speed [{motion}/s]", f"torque [{unit}]",
-                             curves))
-    used = {i for _, points, _ in results for i in map(id, points.intervals)}
-    spans = {id(i): i for _, points, _ in results for i in points.intervals if id(i) in used}.values()
+        shown.append(Exhibit("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
+                             f"torque [{unit}]", curves))
+    # Two lines are drawn through the same intervals.
+    spans = results[0][1].intervals
     for experiment in experiments:
         speed, time = speed_of(experiment, "motor", "the picture"), experiment.time
         marked = np.full(len(speed), np.nan)

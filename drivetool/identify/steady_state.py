@@ -40,6 +40,9 @@ RESOLUTION = 1e-4
 # a moving signal turns does not count.
 LONG_ENOUGH = 20
 LEAST_SHARE = 1 / 200
+# Standard deviation of the speed within an interval, over the fastest speed of the record. A periodic
+# motion looks like noise to blocks that are longer than a quarter of its period.
+SWING = 0.2
 # Blocks that a movement takes to show in the statistic: left out at both ends.
 DELAY = 2
 
@@ -86,10 +89,12 @@ def steady_intervals(signals: Sequence[np.ndarray],
     segments = list(segments)
     longest = max(b - a for a, b in segments)
     size = sum(b - a for a, b in segments)
+    fastest = float(np.nanquantile(np.abs(signals[0]), 0.99))
     span = [float(np.nanmax(s) - np.nanmin(s)) for s in signals]
     found, length = [], max(1, round(size * LEAST_SHARE / LONG_ENOUGH))
     while length * LONG_ENOUGH <= longest:
-        intervals = [i for segment in segments for i in _in_segment(signals, segment, length, span)]
+        intervals = [(a, b) for segment in segments for a, b in _in_segment(signals, segment, length, span)
+                     if np.nanstd(signals[0][a:b]) <= SWING * fastest]
         found.append((_time_at_levels(signals[0], intervals, size / 20, span[0]), length, intervals))
         length *= 2
     best = max((time for time, _, _ in found), default=0.0)

@@ -1,0 +1,174 @@
+"""Backlash: the half gap of a shaft, from a record that opens it.
+
+The likelihood has several optima across a gap, so several starting values are tried. "The gap
+was not crossed" and "not distinguishable from zero, at most x" are answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, Finding
+from drivetool.identify.compose import compose
+from drivetool.identify.contact import Contact, contact
+from drivetool.identify.engine import Outcome, Task, coloured, fit_task
+from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.greybox import chosen, split_totals, with_totals
+from drivetool.identify.options import Options
+from drivetool.identify.profile import LEVEL95, Profile, profile
+from drivetool.identify.setup import Roles, roles_of
+from drivetool.logs.experiment import Experiment
+
+# Starting half gaps over the twist that the torque of the record makes.
+STARTS = (0.1, 0.5, 2.0, 6.0)
+WIDE = 0.3  # relative std beyond which the curvature is not trusted
+
+
+def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """Half gap of the shafts; linear parameters are held unless freed.
+
+    experiments  records whose shaft torque changes sign
+    drive        inertias, stiffness, damping and friction from the steps before
+    options      hold, free, criterion, starts, segment
+    returns      Estimate of <shaft>.half_gap [rad], interval by curvature, or by profile likelihood
+                 where that is wide
+    raises       BadOption: a drive without shaft; BadParameters: a value is missing
+    source       Tallfors 2005, sec. 5.6 and ch. 6; Nordin, Galic, Gutman 1997
+    """
+    if not drive.shafts:
+        raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
+    drive.require(drive.missing(), "a backlash fit")
+    roles = roles_of(experiments, drive)
+    drive = with_totals(drive, options.free)
+    gaps = [f"{s}.half_gap" for s in drive.shafts]
+    free = chosen(drive, gaps, options)
+    gaps = [g for g in gaps if g in free]
+    task = Task(drive, free, roles, tuple(experiments))
+    closed = {g: contact(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
+    shut = [g for g in gaps if not closed[g].reverses]
+    if shut:
+        return _not_crossed(task, drive, shut, closed, options)
+    outcome = fit_task(task, options, _starts(task, gaps, roles, options))
+    outcome = coloured(split_totals(outcome, options))
+    profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None and _wide(outcome, g)}
+    estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
+                       known=options.known)
+    for name, found in profiles.items():
+        estimate = _by_profile(estimate, name, found)
+    return _one_sided_contact(estimate, outcome, gaps)
+
+
+def _starts(task: Task, gaps: Sequence[str], roles: Roles, options: Options) -> list[dict[str, float]]:
+    """Half gaps to start from: the one given, and shares of the twist the torque makes."""
+    torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
+    spread = float(np.nanstd(torque))
+    given = {g: v for g in gaps if (v := task.drive.value(g) or 0.0) > 0.0}
+    starts = [given] if given else []
+    for share in STARTS:
+        starts.append({g: share * spread / task.drive.value(g.split(".")[0] + ".stiffness") for g in gaps})
+    return starts[: options.starts] if options.starts else starts
+
+
+def _wide(outcome: Outcome, name: str) -> bool:
+    from drivetool.identify.results import covariance_of
+
+    covariance, _, free = covariance_of(outcome.problem, outcome.solution)
+    j = outcome.problem.names.index(name)
+    value = outcome.solution.point.values[j]
+    return not free[j] or not np.sqrt(covariance[j, j]) < WIDE * value
+
+
+def _profile(outcome: Outcome, name: str) -> Profile:
+    from drivetool.identify.results import covariance_of
+
+    covariance, _, _ = covariance_of(outcome.problem, outcome.solution)
+    j = outcome.problem.names.index(name)
+    std, value = np.sqrt(covariance[j, j]), outcome.solution.point.values[j]
+    step = std if np.isfinite(std) and std > 0.0 else max(value, 10.0 * outcome.problem.size[j])
+    return profile(outcome, name, float(step))
+
+
+def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
+    """Replace the interval of a half gap by that of its profile."""
+    line = next(p for p in estimate.parameters if p.name == name)
+    low = found.low if found.low is not None else 0.0
+    at_zero = found.low is None
+    findings = list(estimate.findings)
+    if found.high is None:
+        new = replace(line, std=None, ci95=None, status="not-identifiable",
+                      reason="the likelihood is flat towards larger gaps")
+        findings.append(Finding("warning", "half-gap-unbounded", f"{name} has no upper limit in this record.",
+                                {"at_least": low}, "Record torque steps that cross the gap both ways."))
+    elif at_zero:
+        new = replace(line, std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
+                      reason="not distinguishable from zero; the interval is one-sided")
+        findings.append(Finding(
+            "note", "half-gap-not-distinguishable",
+            f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
+            {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps."))
+    else:
+        new = replace(line, ci95=(low, found.high), status="fitted",
+                      std=line.std if line.std is not None else (found.high - low) / 3.92)
+    findings = [f for f in findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
+    curve = Exhibit("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
+                    "rise of -log likelihood", {
+                        "profile": (found.values, found.rise),
+                        "95 % level": (found.values[[0, -1]], np.full(2, LEVEL95))})
+    parameters = tuple(new if p.name == name else p for p in estimate.parameters)
+    return replace(estimate, parameters=parameters, findings=tuple(findings),
+                   exhibits=(*estimate.exhibits, curve))
+
+
+def _counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:
+    """How often each gap opened and how often it was crossed, at the estimate."""
+    task = outcome.task.at_point(outcome.solution.point)
+    found = {}
+    for g in gaps:
+        c = contact(task, drive.shafts.index(g.split(".")[0]))
+        found[g] = {"opened": c.opened, "crossed": c.crossed, "open_percent": 100.0 * c.open_share}
+    return found
+
+
+def _one_sided_contact(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+    """A gap that opened but never reached its other side is known only from below."""
+    findings = list(estimate.findings)
+    for g in gaps:
+        counts = estimate.details["contact"][g]
+        value = next(p.value for p in estimate.parameters if p.name == g)
+        if value > 0.0 and counts["opened"] > 0 and counts["crossed"] == 0:
+            findings.append(Finding(
+                "warning", "gap-not-crossed",
+                f"The gap opened {counts['opened']} times but its other side was never reached: {g} is known "
+                f"only from below.", counts, "Record torque steps of both signs."))
+    return replace(estimate, findings=tuple(findings))
+
+
+def _not_crossed(task: Task, drive: Drive, shut: Sequence[str], closed: dict[str, Contact],
+                 options: Options) -> Estimate:
+    """The answer for a record whose shaft torque keeps its sign: nothing is fitted."""
+    rest = tuple(n for n in task.free if n not in shut)
+    held = replace(task, free=rest)
+    from drivetool.identify.engine import frozen
+
+    outcome = fit_task(held, options, [{}]) if rest else frozen(held)
+    findings, lines = [], []
+    for g in shut:
+        c = closed[g]
+        findings.append(Finding(
+            "warning", "gap-not-opened",
+            f"The shaft torque stays between {c.least:.3g} and {c.most:.3g} {drive.torque_unit} and never changes "
+            f"sign: this record does not open the gap, and says nothing about {g}.",
+            {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
+            "Record alternating torque steps larger than the idle torque."))
+        value = drive.value(g) or 0.0
+        lines.append(Parameter(g, value, drive.unit(g), value, status="not-identifiable",
+                               reason="the gap was not opened in this record"))
+    estimate = compose("backlash", drive, outcome, findings, known=options.known)
+    kept = [p for p in estimate.parameters if p.name not in shut]
+    order = {n: i for i, n in enumerate(drive.quantities)}
+    lines = sorted([*kept, *lines], key=lambda p: order[p.name])
+    return replace(estimate, parameters=tuple(lines))
