@@ -56,7 +56,8 @@ def staircase(colour, seed=3):
     return [level + 0.05 * noise[0], torque + 0.3 * noise[1]]
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.5, 0.9, 0.97])
+# 0.9: 19 samples count as one. From about 0.97 (66 as one) a plateau of 2000 no longer holds the 20 blocks.
+@pytest.mark.parametrize("colour", [0.0, 0.5, 0.9])
 def test_plateaus_are_found_whatever_the_colour_of_the_noise(colour):
     signals = staircase(colour)
     intervals, block = steady_intervals(signals, [(0, 7000)])
@@ -64,7 +65,7 @@ def test_plateaus_are_found_whatever_the_colour_of_the_noise(colour):
     for first, last in intervals:
         assert any(first >= a - block and last <= b + block for a, b in plateaus)
     for a, b in plateaus:
-        assert sum(min(last, b) - max(first, a) for first, last in intervals if first < b and last > a) > 600
+        assert sum(min(last, b) - max(first, a) for first, last in intervals if first < b and last > a) > 1000
 
 
 def test_a_gap_ends_an_interval():

@@ -1,4 +1,4 @@
-"""What validate returns."""
+"""What validate is asked and what it returns."""
 
 from __future__ import annotations
 
@@ -10,18 +10,37 @@ from drivetool.identify.estimate import Exhibit
 
 
 @dataclass(frozen=True)
+class ValidateOptions:
+    """Bars and ways of a validation.
+
+    min_fit          least simulation fit [%], None: no bar
+    max_correlation  largest |cross-correlation| of residual and input that is let pass
+    segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
+    seed             of the draws behind p-values and the fit that noise leaves possible
+    """
+
+    min_fit: float | None = None
+    max_correlation: float = 0.15
+    segment: float = 0.0
+    seed: int = 1
+
+
+@dataclass(frozen=True)
 class RecordCheck:
-    """One model on one record it has not seen.
+    """One model on one record, for one measured output.
 
     model                   name of the parameter file, or "-"
     file                    name of the recording
+    output                  role; unit: of the output and of rmse
     simulation_fit_percent  100 (1 - |y - y^| / |y - mean y|) of a free run
     one_step_fit_percent    the same of one-step predictions; not a simulation
     rmse                    of the free run, in the unit of `output`; nrmse: over the range
     r2                      1 - residual / total sum of squares
-    max_correlation         largest |normalised cross-correlation| of residual and input
+    n                       measured values
+    max_correlation         largest |normalised cross-correlation| of whitened residual and
+                            input, see correlation.py; NaN if no input ever changes, also below
     band                    97 % band for one lag, Bartlett-corrected
-    lags_outside_percent    share of lags outside the band
+    lags_outside_percent    share of lags outside the band; 3 % is chance
     correlation_p           family-wise p-value over all the lags
     whiteness_p             Ljung-Box of the one-step errors, information only
     passed                  whether every bar that was set is met

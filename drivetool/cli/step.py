@@ -53,7 +53,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     opened = open_all(job)
     drive = drive_for(job, opened)
     for name in (*options.hold, *options.free):
-        drive.quantity(name)
+        if name != "all":
+            drive.quantity(name)
     options = replace(options, known=opened.loaded.covariance(drive))
     try:
         estimate = estimator(opened.experiments, drive, options)

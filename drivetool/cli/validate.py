@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
@@ -17,12 +19,17 @@ if TYPE_CHECKING:
 HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
         "every --params file is a model of its own.")
 
+Segment = Annotated[float, typer.Option(
+    "--segment", metavar="S", min=0.0,
+    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
+
 
 def command(
     logs: cli.Logs, params: cli.Models, map: cli.Map = None, drive: cli.DriveName = None,
-    min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15, seed: cli.Seed = 1,
-    out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False,
-    debug: cli.Debug = False, quiet: cli.Quiet = False,
+    min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
+    segment: Segment = 0.0, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    quiet: cli.Quiet = False,
 ) -> None:
     """Each --params file is a model of its own; see HELP."""
     job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet)
@@ -30,7 +37,7 @@ def command(
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
 
-        return run(job, ValidateOptions(min_fit=min_fit, max_correlation=max_correlation, seed=seed))
+        return run(job, ValidateOptions(min_fit, max_correlation, segment, seed))
 
     guarded("validate", work, debug)
 
@@ -44,8 +51,10 @@ def run(job: Job, options: ValidateOptions) -> int:
     models = [(source.name, drive_for(job, opened, one), one.noise)
               for source in opened.loaded.sources
               for one in [replace(opened.loaded, sources=(source,))]]
+    fitted_on = [[entry.sha256 for entry in source.file.data] for source in opened.loaded.sources]
+    more = {"fitted_on": fitted_on} if any(fitted_on) else {}
     try:
-        validation = validate(opened.experiments, models, options)
+        validation = validate(opened.experiments, models, options, **more)
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise

@@ -48,8 +48,10 @@ class Assembly:
         self.nq = -(-len(layout.free) // PAD) * PAD if layout.gradient else 0
         self.n = len(drive.bodies)
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
-        if any(role.endswith("angle") for role in layout.outputs):
+        if angle_roles(layout):
             self.states.append("angle")
+        # Every further encoder has a zero of its own, a constant that the start state holds.
+        self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
         if self.acts_on_path("bandwidth"):
             self.states += ["converter", "converter.rate"]
         if layout.memory is not None:
@@ -226,6 +228,8 @@ class Assembly:
             ratio = self.shafts[k][2]
             row = {column: factor / ratio for column, factor in row.items()}
             row[self.n + k] = -one
+        if f"{role}.zero" in self.states:
+            row[self.states.index(f"{role}.zero")] = one
         return row, -1
 
     def system(self) -> System:
@@ -243,7 +247,8 @@ class Assembly:
             reach.append(self.shafts[shaft][0] * half)
         outputs, output_gap = self._outputs()
         h = self.layout.step
-        part = (self.dead_time.v / h) % 1.0 * h
+        samples = self.dead_time.v / h
+        part = max(samples - int(samples + 1e-9), 0.0) * h  # as the whole samples are counted
         memory = np.ones(nx)
         if self.layout.memory is not None:
             memory[self.states.index("disturbance")] = self.layout.memory
@@ -269,6 +274,11 @@ class Assembly:
             for j, dual in row.items():
                 rows[m, j] = dual.jet()
         return rows, gap
+
+
+def angle_roles(layout: Layout) -> tuple[str, ...]:
+    """The outputs that are angles; the first one defines where the motor's angle is zero."""
+    return tuple(role for role in layout.outputs if role.endswith("angle"))
 
 
 def assemble(drive: Drive, layout: Layout, values: Mapping[str, float] | None = None) -> System:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numba
 
-_SOURCES = ("compiled", "modes", "roots", "events", "kernel", "run")
+_SOURCES = ("compiled", "system", "modes", "roots", "events", "kernel", "run")
 
 
 def _cache_folder() -> str:

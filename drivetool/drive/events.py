@@ -11,10 +11,12 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE
-from drivetool.drive.modes import lookup
+from drivetool.drive.kernel import classify, guard_values, predict, propagate
+from drivetool.drive.modes import STIFF, lookup, step_matrix
 from drivetool.drive.roots import first_exit, horner
 from drivetool.drive.system import ORDER
 
+NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
 MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter
 
 
@@ -65,7 +67,18 @@ def stick_guard(net, u, level, side, w, p):
 
 
 @njit(**COMPILE)
-def next_event(s, net, mode, u, w, p, end, fresh):
+def sum_of_sizes(row, x, u):
+    """What rounding errors of row [x, u, 1] are in proportion to."""
+    v = abs(row[x.size + u.size])
+    for j in range(x.size):
+        v += abs(row[j] * x[j])
+    for j in range(u.size):
+        v += abs(row[x.size + j] * u[j])
+    return v
+
+
+@njit(**COMPILE)
+def next_event(s, net, mode, x, u, w, p, end, fresh):
     """(time, element, new digit) of the earliest event, element -1 if there is none.
 
     `fresh` has a bit for every element that has switched at this very moment.
@@ -73,6 +86,9 @@ def next_event(s, net, mode, u, w, p, end, fresh):
     te, element, digit = end, -1, 0
     for g in range(s.ng):
         new_one = (fresh >> g) & 1 == 1
+        noise = s.reach[g, 0]
+        for j in range(s.nx):
+            noise += abs(s.spring[g, j, 0] * x[j])
         for side in (1.0, -1.0):
             # In contact one guard counts, in the gap both do.
             if mode[g] == 1:
@@ -83,21 +99,23 @@ def next_event(s, net, mode, u, w, p, end, fresh):
                 new = 1
             else:
                 continue
-            t = first_exit(p, te, new_one)
+            t = first_exit(p, te, new_one, end, NOISE * noise)
             if t >= 0.0:
                 te, element, digit = t, g, new
     for f in range(s.nf):
-        e = s.ng + f
+        e, row, level = s.ng + f, s.slip_rows[f], s.level[f, 0]
+        new_one = (fresh >> e) & 1 == 1
+        noise = NOISE * (level + sum_of_sizes(net[f], x, u))
         if mode[e] != 1:
             for j in range(p.size):
-                p[j] = (1.0 - mode[e]) * w[j, s.slip_rows[f]]
-            t = first_exit(p, te, (fresh >> e) & 1 == 1)
+                p[j] = (1.0 - mode[e]) * w[j, row]
+            t = first_exit(p, te, new_one, end, noise / s.mass[row, 0] * end)
             if t >= 0.0:
                 te, element, digit = t, e, 1
         else:
             for side in (1.0, -1.0):
-                stick_guard(net[f], u, s.level[f, 0], side, w, p)
-                t = first_exit(p, te, False)
+                stick_guard(net[f], u, level, side, w, p)
+                t = first_exit(p, te, new_one, end, noise)
                 if t >= 0.0:
                     te, element, digit = t, e, 0 if side > 0.0 else 2
     return te, element, digit
@@ -155,33 +173,68 @@ def switch(s, net, mode, x, u, big, element, digit):
     if f < 0 or mode[element] == 1:
         mode[element] = digit
         return
-    row, side = s.slip_rows[f], 1.0 - mode[element]
+    row, side, level = s.slip_rows[f], 1.0 - mode[element], s.level[f, 0]
     x[row] = 0.0
     load = load_on(net[f], x, u)
-    if abs(load) <= s.level[f, 0]:
+    if side * load >= -level:
+        # Also where a load in the direction of motion tops the level by a rounding error.
         mode[element] = 1
         factor = 0.0
     else:
-        mode[element] = 0 if load > 0.0 else 2
+        mode[element] = 2 - mode[element]
         # The body goes on through zero: its acceleration jumps from load - side Tc to load + side Tc.
-        factor = (load + side * s.level[f, 0]) / (load - side * s.level[f, 0])
+        factor = (load + side * level) / (load - side * level)
     for q in range(big.shape[1]):
         big[row, q] *= factor
 
 
 @njit(**COMPILE)
-def event_step(s, c, x, u, big, mode, part):
-    """Carry x, sensitivities and mode over one part of a sample."""
+def release(s, net, x, u, mode):
+    """Let go the bodies that friction cannot hold any more; returns whether there are any."""
+    found = False
+    for f in range(s.nf):
+        if mode[s.ng + f] == 1:
+            load = load_on(net[f], x, u)
+            if abs(load) > s.level[f, 0]:
+                mode[s.ng + f] = 0 if load > 0.0 else 2
+                found = True
+    return found
+
+
+@njit(**COMPILE)
+def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
+    """A stretch in a mode too fast for the record: exact in that mode, which is chosen anew after."""
+    to = c.rate.size - 1
+    if release(s, c.net[k], x, u[i], mode):
+        k = lookup(s, c, mode, part)
+    step_matrix(s, c, mode, k, to, h)
+    predict(c.leap, to, x, u, i, c.vectors[1])
+    propagate(c.leap, c.dleap, to, x, u, i, big, c.columns[0])
+    for r in range(s.nx):
+        x[r] = c.vectors[1, r]
+    guard_values(s.spring, s.slip_rows, x, c.guards[0])
+    classify(s.reach, c.guards[0], mode)
+
+
+@njit(**COMPILE)
+def event_step(s, c, x, inputs, i, big, mode, part):
+    """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
-    rest = s.spans[part]
-    events, fresh = 0, 0
+    u, rest, events, fresh = inputs[i], s.spans[part], 0, 0
+    for f in range(s.nf):
+        if mode[s.ng + f] == 1:
+            for q in range(big.shape[1]):
+                big[s.slip_rows[f], q] = 0.0
     while rest > 0.0:
         k = lookup(s, c, mode, part)
         a, net = c.flow[k], c.net[k]
+        if not c.rate[k] * rest < STIFF:
+            unlocated_step(s, c, x, inputs, i, big, mode, part, k, rest)
+            return
         te, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         series(a, x, u, w)
         if events < MOST:
-            te, element, digit = next_event(s, net, mode, u, w, p, te, fresh)
+            te, element, digit = next_event(s, net, mode, x, u, w, p, te, fresh)
         if te > 0.0:
             carry(a, x, u, big, w, v, t, te)
             for r in range(s.nx):
@@ -192,3 +245,34 @@ def event_step(s, c, x, u, big, mode, part):
             switch(s, net, mode, x, u, big, element, digit)
             fresh |= 1 << element
             events += 1
+
+
+@njit(**COMPILE)
+def rough_step(s, c, x, inputs, i, big, mode, part, new):
+    """A part of a sample with events; new gets the guard values at its end."""
+    event_step(s, c, x, inputs, i, big, mode, part)
+    guard_values(s.spring, s.slip_rows, x, new)
+
+
+@njit(**COMPILE)
+def switch_late(s, c, x, u, late, big, mode, k):
+    """Saltation where the held torque switches inside a sample, at the dead time; k: slot or -1."""
+    if s.nq == 0:
+        return
+    if k < 0:
+        k = lookup(s, c, mode, 0)
+    jump = c.vectors[1]
+    for r in range(s.nx):
+        jump[r] = 0.0
+        for j in range(s.nu):
+            jump[r] += c.flow[k, r, s.nx + j, 0] * (late[j] - u[j])
+    if s.nf > 0 and release(s, c.net[k], x, u, mode):
+        # The switch lets a body go: its acceleration begins here too.
+        for r in range(s.nx):
+            jump[r] = load_on(c.flow[k, r, :, 0], x, late)
+        k = lookup(s, c, mode, 0)
+        for r in range(s.nx):
+            jump[r] -= load_on(c.flow[k, r, :, 0], x, u)
+    for r in range(s.nx):
+        for q in range(s.nq):
+            big[r, q] += jump[r] * s.delay[q]

@@ -1,8 +1,8 @@
-"""The exact simulation of a piecewise linear chain, with sensitivities and observer gains.
+"""A part of a sample without events: one product with the exact step matrix of the mode.
 
-Per sample one product with the exact step matrix of the mode. If at its end a contact or a
-friction has left its mode, or may have done so and come back, the step is repeated with located
-events. Sensitivities have ns columns: nq parameters, nx start states, and at least one spare in
+The guards of the mode are looked at in its start, its end and instants between. If a contact or a
+friction has left its mode, or may have done so and come back, the step is refused; events.py then
+takes it. Sensitivities have ns columns: nq parameters, nx start states, and at least one spare in
 which the weighted residual is returned, so that one product gives the normal equations.
 """
 
@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
-from drivetool.drive.events import event_step
-from drivetool.drive.modes import lookup
+from drivetool.drive.compiled import HOT
 
 
 @njit(**HOT)
@@ -42,43 +40,41 @@ def classify(reach, v, mode):
 
 
 @njit(**HOT)
-def fits(reach, mode, new, old, older, watch):
-    """Whether guard values at the end of a step agree with the mode.
-
-    With `watch`, the second difference bounds by how much a guard can have dipped between two
-    samples; under an observer, whose corrections are larger, it says nothing.
-    """
-    for e in range(mode.size):
-        if e < reach.shape[0]:
-            level = reach[e, 0]
-        elif mode[e] == 1:
-            continue
-        else:
-            level = 0.0
-        dip = 0.25 * abs(new[e] - 2.0 * old[e] + older[e]) if watch else 0.0
-        if mode[e] == 1:
-            margin = level - max(abs(new[e]), abs(old[e]))
-        else:
-            side = 1.0 - mode[e]
-            margin = min(side * new[e], side * old[e]) - level
-        if margin < dip:
-            return False
-    return True
+def row_value(rows, k, e, x, u, i):
+    """rows[k, e] [x, u[i], 1]."""
+    nx, nu = x.size, u.shape[1]
+    v = rows[k, e, nx + nu]
+    for j in range(nx):
+        v += rows[k, e, j] * x[j]
+    for j in range(nu):
+        v += rows[k, e, nx + j] * u[i, j]
+    return v
 
 
 @njit(**HOT)
-def holds(level, net, k, mode, x, u, i):
-    """Whether every sticking body stays put under the torques at x and u[i]."""
-    first = mode.size - level.shape[0]
-    for f in range(level.shape[0]):
-        if mode[first + f] == 1:
-            v = net[k, f, x.size + u.shape[1]]
-            for j in range(x.size):
-                v += net[k, f, j] * x[j]
-            for j in range(u.shape[1]):
-                v += net[k, f, x.size + j] * u[i, j]
-            if abs(v) > level[f, 0]:
-                return False
+def stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
+    """Whether mode k holds from x to b: guard values at both ends, between, and in dips unseen.
+
+    old, new  (elements,) contact torques and speeds at x and b. Between equal instants a curve
+              dips below its lowest value by an eighth of its second difference; twice is allowed.
+    """
+    for e in range(mode.size):
+        f = e - reach.shape[0]
+        if f >= 0 and mode[e] == 1:
+            bound, first, last = level[f, 0], row_value(net, k, f, x, u, i), row_value(net, k, f, b, u, i)
+        else:
+            bound, first, last = reach[e, 0] if f < 0 else 0.0, old[e], new[e]
+        low, high, bend = min(first, last), max(first, last), 0.0
+        before, now = first, first
+        for m in range(looks[k]):
+            v = row_value(watch[k], e, m, x, u, i)
+            low, high = min(low, v), max(high, v)
+            bend = max(bend, abs(v - 2.0 * now + before) if m > 0 else 0.0)
+            before, now = now, v
+        bend = max(bend, abs(last - 2.0 * now + before))
+        inside, ahead = bound - max(high, -low), (low if mode[e] == 0 else -high) - bound
+        if (inside if mode[e] == 1 else ahead) < 0.25 * bend:
+            return False
     return True
 
 
@@ -142,25 +138,6 @@ def propagate(leap, dleap, k, x, u, i, big, t):
     for r in range(x.size):
         for q in range(big.shape[1]):
             big[r, q] = t[r, q]
-
-
-@njit(**COMPILE)
-def rough_step(s, c, x, held, big, mode, part, new):
-    """A part of a sample with events; new gets the guard values at its end."""
-    event_step(s, c, x, held, big, mode, part)
-    guard_values(s.spring, s.slip_rows, x, new)
-
-
-@njit(**COMPILE)
-def switch_late(s, c, x, u, late, big, mode):
-    """Saltation where the held torque switches inside a sample, at the dead time."""
-    k = lookup(s, c, mode, 0)
-    for r in range(s.nx):
-        jump = 0.0
-        for j in range(s.nu):
-            jump += c.flow[k, r, s.nx + j, 0] * (late[j] - u[j])
-        for q in range(s.nq):
-            big[r, q] += jump * s.delay[q]
 
 
 @njit(**HOT)

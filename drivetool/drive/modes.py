@@ -6,9 +6,13 @@ import numpy as np
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE
+from drivetool.drive.system import LOOKS
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TERMS = 14
+# Rate times length above which events are not located any more: what moves that much faster than
+# the record is sampled leaves no trace in it, and a trial value of a fit must not take for ever.
+STIFF = 100.0
 
 @njit(**COMPILE)
 def lookup(s, c, mode, part):
@@ -19,7 +23,7 @@ def lookup(s, c, mode, part):
     k = c.slot[number]
     if k < 0:
         last = c.slot.size - 1
-        if c.slot[last] == c.rate.size:
+        if c.slot[last] == c.rate.size - 1:
             for m in range(last):
                 c.slot[m] = -1
             c.slot[last] = 0
@@ -56,11 +60,70 @@ def build(s, c, mode, part, k):
                 a[r, j, q] = (a[r, j, q] - a[r, j, 0] * s.mass[r, q]) / s.mass[r, 0]
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
-            for j in range(const + 1):
-                for q in range(jet):
-                    a[s.slip_rows[f], j, q] = 0.0
+            hold(a, s.slip_rows[f])
     c.rate[k] = balanced_norm(a, c.square, nx)
-    exponential(a, s.spans[part], c.rate[k], c.jets, c.leap[k], c.dleap[k])
+    step_matrix(s, c, mode, k, k, s.spans[part])
+    look_ahead(s, c, mode, k, s.spans[part])
+
+
+@njit(**COMPILE)
+def hold(a, row):
+    """A body that sticks has no acceleration, and its speed, which is zero, moves nothing."""
+    for j in range(a.shape[1]):
+        for q in range(a.shape[2]):
+            a[row, j, q] = 0.0
+    for r in range(a.shape[0]):
+        for q in range(a.shape[2]):
+            a[r, row, q] = 0.0
+
+
+@njit(**COMPILE)
+def step_matrix(s, c, mode, k, to, h):
+    """The exact step of mode k over h seconds, into slot `to`."""
+    exponential(c.flow[k], h, c.rate[k], c.jets, c.leap[to], c.dleap[to])
+    for f in range(s.nf):
+        if mode[s.ng + f] == 1:  # a start speed that was zero counts no more once the body sticks
+            c.leap[to, s.slip_rows[f], s.slip_rows[f]] = 0.0
+
+
+@njit(**COMPILE)
+def look_ahead(s, c, mode, k, h):
+    """Rows that give every guard at equally spaced instants inside a part of h seconds."""
+    a, rate, row = c.flow[k], c.rate[k], c.lines[0]
+    count = 0 if not rate * h < STIFF else min(max(int(np.ceil(rate * h)) - 1, 1), LOOKS)
+    c.looks[k] = count
+    gap = h / (count + 1)
+    pieces = max(int(np.ceil(2.0 * rate * gap)), 1) if count > 0 else 1
+    for e in range(s.ng + s.nf):
+        f = e - s.ng
+        for j in range(row.size):
+            row[j] = c.net[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
+        if f < 0:
+            for j in range(s.nx):
+                row[j] = s.spring[e, j, 0]
+        elif mode[e] != 1:
+            row[s.slip_rows[f]] = 1.0
+        for m in range(count):
+            for _ in range(pieces):
+                advance_row(a, row, c.lines[1], c.lines[2], gap / pieces)
+            for j in range(row.size):
+                c.watch[k, e, m, j] = row[j]
+
+
+@njit(**COMPILE)
+def advance_row(a, row, term, new, h):
+    """row (nz,) becomes the row that gives its value h seconds later; term, new (nz,) are scratch."""
+    for j in range(row.size):
+        term[j] = row[j]
+    for k in range(1, TERMS + 1):
+        for j in range(row.size):
+            v = 0.0
+            for r in range(a.shape[0]):
+                v += term[r] * a[r, j, 0]
+            new[j] = v * h / k
+        for j in range(row.size):
+            term[j] = new[j]
+            row[j] += new[j]
 
 
 @njit(**COMPILE)

@@ -46,22 +46,24 @@ def bracketed(p, lo, hi):
 
 
 @njit(**COMPILE)
-def deflate(p, end):
-    """Divide out the vanishing lowest terms of a guard that has just been at zero.
+def deflate(p, end, noise):
+    """Divide out the lowest terms of a guard that has just been at zero, as far as they are noise.
 
-    Returns the sign of the first term that counts, 0 if none does; p is changed.
+    Returns the sign of the first term that counts, 0 if none does until `end`; p is changed.
     """
+    if abs(p[0]) > noise:
+        return 1.0 if p[0] > 0.0 else -1.0
     size, power = 0.0, 1.0
-    for k in range(p.size):
-        size += abs(p[k]) * power
+    for k in range(1, p.size):
         power *= end
-    power, lead = 1.0, -1
-    for k in range(p.size):
-        if abs(p[k]) * power > 1e-12 * size:
+        size += abs(p[k]) * power
+    power, lead, least = 1.0, 0, max(noise, 1e-12 * size)
+    for k in range(1, p.size):
+        power *= end
+        if abs(p[k]) * power > least:
             lead = k
             break
-        power *= end
-    if lead < 0:
+    if lead == 0:
         return 0.0
     for k in range(p.size):
         p[k] = p[k + lead] if k + lead < p.size else 0.0
@@ -69,12 +71,13 @@ def deflate(p, end):
 
 
 @njit(**COMPILE)
-def first_exit(p, end, fresh):
+def first_exit(p, end, fresh, span, noise):
     """First time in [0, end] at which the guard p(t) becomes negative, or -1.
 
-    A fresh guard has just been at zero: the root at 0 is not to be found again.
+    fresh  the guard has just been at zero: the root at 0 is not to be found again; values up to
+           `noise` are then zero, and what moves it less until `span` >= end does not count
     """
-    if fresh and deflate(p, end) == 0.0:
+    if fresh and deflate(p, span, noise) == 0.0:
         return -1.0
     if p[0] < 0.0:
         return 0.0

@@ -5,17 +5,8 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT
-from drivetool.drive.kernel import (
-    classify,
-    fits,
-    forget,
-    guard_values,
-    holds,
-    predict,
-    propagate,
-    rough_step,
-    switch_late,
-)
+from drivetool.drive.events import rough_step, switch_late
+from drivetool.drive.kernel import classify, forget, guard_values, predict, propagate, stays
 from drivetool.drive.modes import lookup
 
 
@@ -83,19 +74,14 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
 
 
 @njit(**HOT)
-def smooth_step(leap, dleap, net, spring, slip_rows, reach, level, k, x, u, i, big, mode,
-                b, t, new, old, older, watch):
-    """Carry x and big over a part of a sample; False, and nothing moved, if an event lies in it."""
+def smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x, u, i, big, mode,
+                b, t, new, old):
+    """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
     predict(leap, k, x, u, i, b)
     if mode.size > 0:
         guard_values(spring, slip_rows, b, new)
-        if not fits(reach, mode, new, old, older, watch):
+        if not stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
             return False
-        if level.shape[0] > 0:
-            if not holds(level, net, k, mode, x, u, i):
-                return False
-            if not holds(level, net, k, mode, b, u, i):
-                return False
     if big.shape[1] > 0:
         propagate(leap, dleap, k, x, u, i, big, t)
     for r in range(x.size):
@@ -119,13 +105,13 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     states   (n, nx)         state before the sample's measurement is used, or (0, nx)
     returns  samples in which events were located
     """
-    leap, dleap, net, spring, slip_rows = c.leap, c.dleap, c.net, s.spring, s.slip_rows
+    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
+    spring, slip_rows = s.spring, s.slip_rows
     reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
     n, parts = mode.size, s.spans.size
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
-    new, old, older = c.guards[0], c.guards[1], c.guards[2]
+    new, old = c.guards[0], c.guards[1]
     guard_values(spring, slip_rows, x, old)
-    guard_values(spring, slip_rows, x, older)
     if fresh:
         classify(reach, old, mode)
     observed, sens, located, k = gain.shape[0] > 0, jac.shape[0] > 0, 0, -1
@@ -150,18 +136,32 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
             held = late if part + 1 < parts else u
             if k < 0 or parts > 1:
                 k = lookup(s, c, mode, part)
-            if not smooth_step(leap, dleap, net, spring, slip_rows, reach, level, k, x, held, i,
-                               big, mode, b, t, new, old, older, not observed):
-                rough_step(s, c, x, held[i], big, mode, part, new)
+            if not smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
+                               held, i, big, mode, b, t, new, old):
+                rough_step(s, c, x, held, i, big, mode, part, new)
                 located += 1
                 k = -1
             for e in range(n):
-                older[e] = old[e]
                 old[e] = new[e]
             if part + 1 < parts:
-                switch_late(s, c, x, u[i], late[i], big, mode)
+                switch_late(s, c, x, u[i], late[i], big, mode, k)
         forget(memory, x, big)
     return located
+
+
+@njit(**HOT)
+def add_noise(leap, k, row, b):
+    """Carry the effect of a torque held over the sample through a part of it, by the mode at its end.
+
+    Noise thus does not move a body that sticks. b (nx,) is scratch.
+    """
+    nx = row.size
+    for j in range(nx):
+        b[j] = leap[k, j, nx]
+        for m in range(nx):
+            b[j] += leap[k, j, m] * row[m]
+    for j in range(nx):
+        row[j] = b[j]
 
 
 @njit(**HOT)
@@ -216,11 +216,12 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
     states   (n, nx)      filtered states, or (0, nx)
     """
     nx = s.nx
-    leap, dleap, net, spring, slip_rows = c.leap, c.dleap, c.net, s.spring, s.slip_rows
+    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
+    spring, slip_rows = s.spring, s.slip_rows
     reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
     n, parts, number = mode.size, s.spans.size, -1
     row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
-    f, t, new, old, older = c.transition, c.columns[0], c.guards[0], c.guards[1], c.guards[2]
+    f, t, new, old = c.transition, c.columns[0], c.guards[0], c.guards[1]
     reclassify(spring, slip_rows, reach, x, mode, old)
     for i in range(u.shape[0]):
         for m in range(innov.shape[1]):
@@ -242,20 +243,17 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
                 f[j, m] = 1.0 if j == m else 0.0
             if states.shape[0] > 0:
                 states[i, j] = x[j]
+            row[j] = 0.0
         for part in range(parts):
             held = late if part + 1 < parts else u
             if number < 0 or parts > 1:
                 number = lookup(s, c, mode, part)
-            if not smooth_step(leap, dleap, net, spring, slip_rows, reach, level, number, x, held,
-                               i, f, mode, b, t, new, old, older, False):
-                rough_step(s, c, x, held[i], f, mode, part, new)
-                number = -1
+            if not smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, number,
+                               x, held, i, f, mode, b, t, new, old):
+                rough_step(s, c, x, held, i, f, mode, part, new)
+                number = lookup(s, c, mode, part)
             for e in range(n):
-                older[e] = old[e]
                 old[e] = new[e]
-        if number < 0:
-            number = lookup(s, c, mode, parts - 1)
-        for j in range(nx):  # of the mode at the end: noise does not move a body that sticks
-            row[j] = leap[number, j, nx]
+            add_noise(leap, number, row, b)
         forget(memory, x, f)
         advance_covariance(p, f, row, q, extra, t)

@@ -15,6 +15,7 @@ import numpy as np
 
 ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
 CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
+LOOKS = 8  # most instants inside a sample at which a guard is looked at
 
 
 class System(NamedTuple):
@@ -65,11 +66,15 @@ class Cache(NamedTuple):
     leap   (cap, nx, nz)            x after the part of a sample = leap z
     dleap  (cap, nx, nz, nq)        its derivative
     net    (cap, nf, nz)            torque on a body without its Coulomb friction
+    watch  (cap, elements, LOOKS, nz)  guard value at instants inside the part, over z at its start
+    looks  (cap,)                   how many of these instants there are
     rate   (cap,)                   balanced norm of flow [1/s]
+
+    The last slot is not for a mode but for a step of any length.
 
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
-    poly (ORDER + 1,), vectors (3, nx), guards (3, elements), gradient (ns,)
+    poly (ORDER + 1,), vectors (3, nx), lines (3, nz), guards (2, elements), gradient (ns,)
     """
 
     slot: np.ndarray
@@ -77,6 +82,8 @@ class Cache(NamedTuple):
     leap: np.ndarray
     dleap: np.ndarray
     net: np.ndarray
+    watch: np.ndarray
+    looks: np.ndarray
     rate: np.ndarray
     jets: np.ndarray
     square: np.ndarray
@@ -85,6 +92,7 @@ class Cache(NamedTuple):
     series: np.ndarray
     poly: np.ndarray
     vectors: np.ndarray
+    lines: np.ndarray
     guards: np.ndarray
     gradient: np.ndarray
 
@@ -92,13 +100,15 @@ class Cache(NamedTuple):
 def empty_cache(s: System) -> Cache:
     """Room for the modes of a system, none of them worked out yet."""
     nx, nz, jet = s.rows.shape
-    modes = 3 ** (s.ng + s.nf) * s.spans.size
-    cap = min(modes, CAPACITY)
+    elements = s.ng + s.nf
+    modes = 3 ** elements * s.spans.size
+    cap = min(modes, CAPACITY) + 1
     slot = np.full(modes + 1, -1, np.int64)
     slot[-1] = 0
     return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
-                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)), np.zeros(cap),
+                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)),
+                 np.zeros((cap, elements, LOOKS, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((3, nx)),
-                 np.zeros((3, s.ng + s.nf)), np.zeros(s.ns))
+                 np.zeros((3, nz)), np.zeros((2, elements)), np.zeros(s.ns))

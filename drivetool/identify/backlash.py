@@ -17,7 +17,7 @@ from drivetool.identify.compose import compose
 from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, coloured, fit_task
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
-from drivetool.identify.greybox import chosen, split_totals, with_totals
+from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
 from drivetool.identify.options import Options
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.setup import Roles, roles_of
@@ -44,6 +44,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     drive.require(drive.missing(), "a backlash fit")
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, options.free)
+    options = expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
     free = chosen(drive, gaps, options)
     gaps = [g for g in gaps if g in free]

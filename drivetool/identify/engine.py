@@ -180,7 +180,8 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
         start = task.at(values)
         states = segment_states(start, problem.traces)
         point = replace(first_point(start.drive, problem, task.roles), starts=states)
-        solutions.append(solve(problem, point, relative=1e-10, most=100))
+        first = solve(problem, point, relative=1e-5, hold=problem.later)
+        solutions.append(solve(problem, first.point, relative=1e-10, most=100))
         tried.append({k: float(v) for k, v in values.items()})
     best = min(solutions, key=lambda s: s.cost)
     for entry, solution in zip(tried, solutions, strict=True):

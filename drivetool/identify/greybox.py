@@ -30,6 +30,7 @@ from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import roles_of
 from drivetool.logs.experiment import Experiment
 
+ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
 
 
@@ -47,6 +48,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive.require(drive.missing(), "the start of a grey-box fit")
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, options.free)
+    options = expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome = fit_task(task, options, [{}])
@@ -83,6 +85,15 @@ def reverses(experiment: Experiment) -> bool:
     return bool(np.nanmean(speed > size) > 0.02 and np.nanmean(speed < -size) > 0.02)
 
 
+def expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) -> Options:
+    """The options with `--free all` spelled out: everything a grey-box fit frees."""
+    if ALL not in options.free:
+        return options
+    free = [n for n in options.free if n != ALL]
+    free += [n for n in default_free(drive, experiments) if n not in options.hold]
+    return replace(options, free=tuple(dict.fromkeys(free)))
+
+
 def with_totals(drive: Drive, free: Sequence[str]) -> Drive:
     """Sums of friction instead of their parts, unless a part was asked for."""
     if len(drive.bodies) == 1:
@@ -100,7 +111,7 @@ def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str,
     if both:
         raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both", "Drop one of the two.")
     names = (set(default) | set(options.free)) - set(options.hold)
-    for name in options.free:
+    for name in names:
         drive.quantity(name)
     return tuple(n for n in drive.quantities if n in names)
 
@@ -193,7 +204,7 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     figures: dict[str, float] = {}
     try:
         for name, fitted in (
-            ("innovations", lambda t: by_innovations(t, [{}])),
+            ("innovations", lambda t: coloured(by_innovations(t, [{}]))),
             ("simulation", lambda t: by_simulation(t, _segment(options), [{}])),
         ):
             point = fitted(replace(task, experiments=tuple(train))).solution.point

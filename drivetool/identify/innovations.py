@@ -15,8 +15,11 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
+
+
+WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
 
 
 @dataclass(frozen=True)
@@ -56,15 +59,17 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         solution = _solve(problem, point, gains, noise, rounds)
         moved = _distance(problem, point, solution)
         point = solution.point
-        fresh = fit_ratio(problem, point, noise, around=noise.ratio)
+        settled = rounds >= 2
+        around = None if rounds == 2 and noise.memory is None else noise.ratio
+        fresh = fit_ratio(problem, point, noise, around, settled)
         fresh = _sensor_scales(problem, point, fresh)
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
-        if best is None or value < best.value + 1e-3:
+        if best is None or value < best.value + WORSE:
             best = Fit(solution, noise, value, tuple(passes), rounds, False)
-        if moved < 0.02 and change < 0.02 and rounds >= 2 and source is problem:
+        if moved < 0.05 and change < 0.05 and rounds >= 3 and source is problem:
             return replace(best, rounds=rounds, converged=True)
     return replace(best, rounds=rounds)
 
@@ -72,7 +77,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
 def settle(problem: Problem, fit: Fit) -> Fit:
     """Repeat the last round with a tight tolerance, so that two ways in end in the same digits."""
     gains = [f.gains for f in filtered(problem, fit.point, fit.noise)]
-    solution = solve(problem.with_memory(fit.noise.memory), _with_state(problem, fit.point, fit.noise),
+    solution = solve(problem.with_memory(fit.noise.memory), with_state(fit.point, fit.noise),
                      gains, relative=1e-11)
     solution = replace(solution, point=_without_state(problem, solution.point, fit.noise))
     passes = filtered(problem, solution.point, fit.noise, keep=False)
@@ -80,17 +85,10 @@ def settle(problem: Problem, fit: Fit) -> Fit:
 
 
 def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:
-    tolerance = 1e-5 if rounds == 1 else 1e-8
-    solution = solve(problem.with_memory(noise.memory), _with_state(problem, point, noise), gains,
-                     relative=tolerance)
+    tolerance = 1e-5 if rounds == 1 else 1e-7  # `settle` does the last digits
+    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains,
+                     relative=tolerance, hold=problem.later if rounds == 1 else None)
     return replace(solution, point=_without_state(problem, solution.point, noise))
-
-
-def _with_state(problem: Problem, point: Point, noise: Noise) -> Point:
-    """Append the disturbance state, zero at the start, where the noise has a memory."""
-    if noise.memory is None:
-        return point
-    return Point(point.values, tuple(np.append(s, 0.0) for s in point.starts))
 
 
 def _without_state(problem: Problem, point: Point, noise: Noise) -> Point:

@@ -31,19 +31,21 @@ class Solution:
 
 
 def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, *,
-          most: int = 60, relative: float = 1e-8, damping: float = 1e-3) -> Solution:
+          most: int = 60, relative: float = 1e-8, damping: float = 1e-3,
+          hold: np.ndarray | None = None) -> Solution:
     """Minimise the weighted squared residuals from a point.
 
     problem   k parameters, traces with m free start states each
     gains     frozen observers, one per trace, for one-step errors; None: simulation errors
     most      iterations; relative: decrease of the cost at which the fit has converged
+    hold      (k,) parameters that do not move
     returns   Solution
     """
     normal = problem.normal(point, gains)
     for iteration in range(1, most + 1):
         accepted = None
         while accepted is None and damping < 1e12:
-            step, own = _step(problem, point, normal, damping)
+            step, own = _step(problem, point, normal, damping, hold)
             trial = problem.moved(point, step, own)
             if _too_far(problem, point, trial):
                 damping *= 4.0
@@ -89,11 +91,13 @@ def _inverse(own: np.ndarray, damping: float) -> np.ndarray:
     return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
 
 
-def _step(problem: Problem, point: Point, normal: Normal, damping: float):
+def _step(problem: Problem, point: Point, normal: Normal, damping: float, hold: np.ndarray | None):
     matrix, slope, inverses = schur(normal, damping)
     size = np.sqrt(np.diag(normal.shared))
     size[size == 0.0] = 1.0
     move = ~blocked(problem, point, normal) & (np.diag(normal.shared) > 0.0)
+    if hold is not None:
+        move &= ~hold
     step = np.zeros(len(slope))
     if move.any():
         i = np.flatnonzero(move)

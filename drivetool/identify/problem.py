@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Problem:
     free_start index of the states whose start value is estimated
     scale      (ny,) sensor standard deviations relative to the first output
     memory     correlation of the torque disturbance state from sample to sample, or None
+    later      (k,) parameters to leave alone in the first round of a fit
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -56,7 +57,7 @@ class Problem:
     free_start: np.ndarray
     scale: np.ndarray
     memory: float | None = None
-    fixed: tuple[str, ...] = field(default=())
+    later: np.ndarray | None = None
 
     @property
     def count(self) -> int:

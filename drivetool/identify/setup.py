@@ -83,6 +83,9 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
 
     free     parameter names; the others keep their value
     returns  Problem whose start states are the speeds, twists and angle
+
+    Shaft damping moves later than the rest: at a start where the resonance lies a little off, the
+    quickest way down is to damp it away, and from there no way leads back.
     """
     free = tuple(free)
 
@@ -95,7 +98,8 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     start = [i for i, name in enumerate(plain.states) if not name.startswith("converter")]
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
-        np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces))
+        np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces),
+        later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool))
 
 
 def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
@@ -137,23 +141,23 @@ def _steady_state(drive: Drive, roles: Roles, trace: Trace) -> np.ndarray:
         gap = plain.gaps[k].v if k in plain.gaps else 0.0
         x[n + k] = below / stiffness.v + gap * np.sign(below)
         below /= ratio.v
-    if "angle" in plain.states:
-        x[plain.states.index("angle")] = _first_angle(plain, roles, trace, x)
+    _set_angles(plain, roles, trace, x)
     if "converter" in plain.states:
         x[plain.states.index("converter")] = trace.inputs[0, 0]
     return x
 
 
-def _first_angle(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> float:
-    """Motor angle at the start from whichever angle is there."""
+def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
+    """Set the motor angle from the first encoder, and the zeros of the others."""
     for m, role in enumerate(roles.outputs):
-        if role.endswith("angle"):
-            row, _ = plain.output(role)
-            column = plain.states.index("angle")
-            rest = sum(dual.v * x[j] for j, dual in row.items() if j != column)
-            known = trace.outputs[np.isfinite(trace.outputs[:, m]), m]
-            return float((known[0] - rest) / row[column].v) if len(known) else 0.0
-    return 0.0
+        known = trace.outputs[np.isfinite(trace.outputs[:, m]), m]
+        if not role.endswith("angle") or not len(known):
+            continue
+        row, _ = plain.output(role)
+        zero = f"{role}.zero"
+        column = plain.states.index(zero if zero in plain.states else "angle")
+        rest = sum(dual.v * x[j] for j, dual in row.items() if j != column)
+        x[column] = (known[0] - rest) / row[column].v
 
 
 def _motor_speed(roles: Roles, trace: Trace) -> float:

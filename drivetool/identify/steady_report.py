@@ -91,8 +91,8 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
         speed = float(np.mean(points.levels))
         loose = " and ".join(task.names[key] for key in line.conditional)
         found.append(Finding(
-            "warning", "one-level", f"All steady intervals are at one speed ({speed:.4g}), so {loose} cannot be "
-            "told apart.", {"speed": speed, "torque": float(np.mean(points.torque))},
+            "warning", "one-level", f"All steady intervals are at one speed ({speed:.4g}), so {loose} "
+            "cannot be told apart.", {"speed": speed, "torque": float(np.mean(points.torque))},
             "Record steady intervals at two or more speeds, the farther apart the better."))
     for key, (value, std) in line.at_bound.items():
         name = task.names[key]

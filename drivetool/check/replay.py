@@ -1,0 +1,204 @@
+"""A model run over a record: free runs with fitted start states, and a Kalman pass."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Filtered, Trace
+from drivetool.errors import BadOption
+from drivetool.identify.engine import Task, segment_states, smoothed_starts
+from drivetool.identify.least_squares import solve
+from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.problem import Point, Problem
+from drivetool.identify.setup import SENSORS, Roles, first_states, problem_of, roles_of, traces_of
+from drivetool.logs.experiment import Experiment
+
+SHORTEST = 20  # samples of a segment, which pays for its start states first
+MORE = (("motor2_speed", "motor2_angle"), ("table_speed", "table_angle"))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a model says about a record; arrays of all stretches in a row.
+
+    outputs      roles; the start states were fitted to the first one
+    index        (n,) samples of the record; ends: where each stretch ends in it
+    inputs       (n, nu); measured, simulated, predicted: (n, ny), NaN where unmeasured
+    innovations  (n, ny) normalised errors of the one-step predictions
+    noise        of the passes, and sigma, the std of the first sensor
+    known        whether the noise came with the model
+    pieces       traces of the free runs with the start states, and the problem they belong to
+    """
+
+    outputs: tuple[str, ...]
+    index: np.ndarray
+    ends: tuple[int, ...]
+    inputs: np.ndarray
+    measured: np.ndarray
+    simulated: np.ndarray
+    predicted: np.ndarray
+    innovations: np.ndarray
+    noise: Noise
+    sigma: float
+    known: bool
+    problem: Problem
+    starts: tuple[np.ndarray, ...]
+
+    def stretches(self, values: np.ndarray) -> list[np.ndarray]:
+        """(n, ...) values cut into uninterrupted stretches."""
+        return np.split(values, self.ends[:-1])
+
+
+def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], segment: float) -> Replay:
+    """Run a model over a record.
+
+    experiment  motor torque and any sensors; start states are fitted to the first one only,
+                the motor's speed or else angle, so that the others stay unseen
+    drive       all inertias and stiffnesses must have a value
+    noise       of the parameter file: sensor_std.<role>, torque_std, torque_correlation_time;
+                where they are missing the ratio is estimated on the record
+    segment     length of the free runs [s]; 0: whole stretches
+    raises      BadParameters: a value is missing; BadOption: segments too short;
+                BadRecording: no torque or no sensor
+    """
+    drive.require(drive.missing(), "a simulation")
+    if 0.0 < segment < SHORTEST * experiment.step:
+        raise BadOption(f"segments of at least {SHORTEST * experiment.step:g} s, {SHORTEST} samples",
+                        f"{segment:g} s", "Give --segment more, or 0 for one free run.")
+    every = measured_roles(experiment, drive)
+    first = Roles(every.inputs, every.outputs[:1])
+    task = Task(drive, (), first, (experiment,))
+    pieces, problem = traces_of([experiment], every, segment), task.problem(segment)
+    starts = start_states(task, problem)
+    model = problem_of(drive, (), every, pieces)
+    runs = simulated(model, _with_angle(drive, every, first, pieces, starts))
+    offsets = np.concatenate([np.tile(_offset(every, t, r), (t.size, 1))
+                              for t, r in zip(pieces, runs, strict=True)])
+    whole = traces_of([experiment], every)
+    ends = np.cumsum([t.size for t in whole])
+    passes, spread = _passes(task, every, [replace(t, outputs=t.outputs - o.mean(axis=0)) for t, o in zip(
+        whole, np.split(offsets, ends[:-1]), strict=True)], noise)
+    innovations = np.concatenate([p.innovations for p in passes])
+    z = innovations / np.sqrt(np.concatenate([p.variance for p in passes]))
+    measured = np.concatenate([t.outputs for t in whole])
+    return Replay(
+        every.outputs, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
+        tuple(ends.tolist()), np.concatenate([t.inputs for t in whole]), measured,
+        np.concatenate(runs) + offsets,
+        measured - innovations, z, spread, float(np.sqrt(np.nanmean(z[:, 0] ** 2))),
+        _noise_of(first, noise, problem) is not None, problem, starts)
+
+
+def measured_roles(experiment: Experiment, drive: Drive) -> Roles:
+    """Inputs and every sensor that the drive knows, the motor's first."""
+    roles = roles_of([experiment], drive)
+    more = [r for choices in MORE if choices[0].rpartition("_")[0] in drive.bodies
+            for r in [c for c in choices if c in experiment.signals][:1]]
+    known = [r for choices in SENSORS for r in choices if r in roles.outputs]
+    return Roles(roles.inputs, (*known, *more))
+
+
+def start_states(task: Task, problem: Problem) -> tuple[np.ndarray, ...]:
+    """Start states of free runs that simulate each trace best, from several guesses.
+
+    Trace by trace: they share nothing, and across a gap one that fails must not stop the others.
+    """
+    steady = first_states(task.drive, task.roles, problem.traces)
+    tracked = segment_states(task, problem.traces)
+    found = []
+    for trace, *guesses in zip(problem.traces, steady, tracked, strict=True):
+        one = replace(problem, traces=(trace,))
+        points = [Point(np.empty(0), (guess,)) for guess in guesses[np.array_equal(*guesses):]]
+        noise = fit_ratio(one, points[-1], Noise(1.0, None, one.scale))
+        points.append(Point(np.empty(0), smoothed_starts(one, points[-1], noise)))
+        best = min((solve(one, point, most=40) for point in points), key=lambda s: s.cost)
+        found.append(best.point.starts[0])
+    return tuple(found)
+
+
+def simulated(problem: Problem, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """(n, ny) free runs of the traces of a problem without free parameters."""
+    plants = problem.plants(np.empty(0), False)
+    return [plant.outputs(t, s) for plant, t, s in zip(plants, problem.traces, starts, strict=True)]
+
+
+def resonances(drive: Drive, step: float) -> list[float]:
+    """Frequencies [Hz] of the drive with its gaps closed, up to half the sampling rate."""
+    away = {n: drive.quantity(n).neutral for n in drive.values
+            if n.startswith("converter") or n.endswith(("half_gap", "coulomb"))}
+    closed = replace(drive, values={**drive.values, **away})
+    s = Assembly(closed, Layout((), ("motor_torque",), (), step, gradient=False)).system()
+    poles = np.linalg.eigvals(s.rows[:, :s.nx, 0] / s.mass[:, :1])
+    found = np.abs(poles[poles.imag > 1e-9 * np.abs(poles)]) / (2.0 * np.pi)
+    return sorted(float(f) for f in found if f < 0.5 / step)
+
+
+def _passes(task: Task, every: Roles, whole: Sequence[Trace],
+            noise: Mapping[str, float]) -> tuple[list[Filtered], Noise]:
+    """Kalman passes over whole stretches: the first output on its own, the others with it.
+
+    A load sensor with a wrong scale must not spoil what is said about the motor.
+    """
+    first = [replace(t, outputs=t.outputs[:, :1]) for t in whole]
+    passes, model = _track(task, task.roles, first, noise)
+    if len(every.outputs) == 1:
+        return passes, model
+    both, _ = _track(task, every, whole, noise)
+    joined = [replace(b, innovations=np.hstack([a.innovations, b.innovations[:, 1:]]),
+                      variance=np.hstack([a.variance, b.variance[:, 1:]]))
+              for a, b in zip(passes, both, strict=True)]
+    return joined, model
+
+
+def _track(task: Task, roles: Roles, traces: Sequence[Trace],
+           noise: Mapping[str, float]) -> tuple[list[Filtered], Noise]:
+    """Kalman passes from start states that predict best, and their noise."""
+    problem = problem_of(task.drive, (), roles, traces)
+    point = Point(np.empty(0), first_states(task.drive, roles, traces))
+    model = _noise_of(roles, noise, problem)
+    if model is None:
+        guess = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
+        point = replace(point, starts=smoothed_starts(problem, point, guess))
+        model = fit_ratio(problem, point, guess)
+    gains = [f.gains for f in filtered(problem, point, model)]
+    starts = point.starts if model.memory is None else tuple(np.append(s, 0.0) for s in point.starts)
+    point = solve(problem.with_memory(model.memory), replace(point, starts=starts), gains, most=10).point
+    return filtered(problem, point, model, keep=False), model
+
+
+def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noise | None:
+    """The noise of a parameter file for these sensors; None if it does not say."""
+    sensor, torque = noise.get(f"sensor_std.{roles.outputs[0]}", 0.0), noise.get("torque_std")
+    if torque is None or sensor <= 0.0:
+        return None
+    time, h = noise.get("torque_correlation_time", 0.0), problem.traces[0].step
+    stds = [noise.get(f"sensor_std.{role}", 0.0) for role in roles.outputs]
+    scale = [std / sensor if std > 0.0 else guess for std, guess in zip(stds, problem.scale, strict=True)]
+    return Noise(torque / sensor, float(np.exp(-h / time)) if time > 0.0 else None, np.array(scale))
+
+
+def _with_angle(drive: Drive, every: Roles, first: Roles, traces: Sequence[Trace],
+                starts: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Start states with the motor angle in its place where another sensor needs it."""
+    found = []
+    for full, start in zip(first_states(drive, every, traces), starts, strict=True):
+        at = len(drive.bodies) + len(drive.shafts)
+        found.append(start if len(full) == len(start) else np.insert(start, at, full[at]))
+    return found
+
+
+def _offset(roles: Roles, trace: Trace, run: np.ndarray) -> np.ndarray:
+    """(ny,) by how much angles beyond the first output lie above the simulated ones.
+
+    The zero of a second encoder is its own and says nothing about the model.
+    """
+    offset = np.zeros(len(roles.outputs))
+    for m, role in enumerate(roles.outputs[1:], 1):
+        if role.endswith("angle") and np.isfinite(trace.outputs[:, m]).any():
+            offset[m] = np.nanmean(trace.outputs[:, m] - run[:, m])
+    return offset

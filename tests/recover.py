@@ -1,0 +1,97 @@
+"""Simulate a machine with known values, as an experiment the estimators take."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from drivetool.drive.chain import Drive, one_body, two_mass
+from drivetool.identify.estimate import Estimate
+from drivetool.logs.experiment import Experiment
+from tests.simulator.controllers import SpeedPI
+from tests.simulator.experiments import multisine, steps, trapezoids
+from tests.simulator.machine import Machine, at_rest, running
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import Sensor, simulate, simulate_linear
+
+STEP = 1e-3
+
+
+def truth(machine: Machine) -> dict[str, float]:
+    """The machine's values under the tool's parameter names."""
+    bodies = ("motor", "load")[: machine.bodies]
+    found = {}
+    for field in ("inertia", "viscous", "coulomb", "idle_torque"):
+        found |= {f"{b}.{field}": v for b, v in zip(bodies, getattr(machine, field), strict=True)}
+    if machine.bodies > 1:
+        found |= {f"shaft.{f}": getattr(machine, f)[0] for f in ("stiffness", "damping", "half_gap")}
+        for field in ("viscous", "idle_torque"):
+            found[f"total.{field}"] = sum(getattr(machine, field))
+    return found
+
+
+def drive_like(machine: Machine, names: list[str], off: float = 0.0, seed: int = 0) -> Drive:
+    """A drive whose start values lie +-off (relative) from the truth, signs drawn."""
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], len(names))
+    values = truth(machine)
+    drive = two_mass() if machine.bodies == 2 else one_body()
+    return drive.with_values({n: values[n] * (1.0 + off * s) for n, s in zip(names, signs, strict=True)})
+
+
+def experiment(torque: np.ndarray, speed: np.ndarray, name: str = "simulated", step: float = STEP,
+               **more: np.ndarray) -> Experiment:
+    """Signals as an experiment with a known torque command."""
+    signals = {"motor_torque": np.asarray(torque, float), "motor_speed": np.asarray(speed, float), **more}
+    return Experiment(name, "0" * 64, step, 0.0, signals, ((0, len(torque)),), torque_is="command")
+
+
+def resonance(machine: Machine) -> float:
+    """Undamped resonance in Hz."""
+    jm, jl = machine.inertia
+    return float(np.sqrt(machine.stiffness[0] * (jm + jl) / (jm * jl)) / 2.0 / np.pi)
+
+
+def linear_record(machine: Machine, seed: int, duration: float = 6.0, torque_noise: float = 0.003,
+                  speed_noise: float = 0.002) -> Experiment:
+    """Upward torque steps plus a weak multisine about the resonance, from steady running.
+
+    torque_noise  std per sample over the rated torque; speed_noise: std over the speed that the
+                  rated torque gives in a quarter of a second
+    """
+    rated = machine.rated_torque
+    start = running(machine, 20.0)
+    f = resonance(machine)
+    count = round(duration / 0.8)
+    torque = steps(start.torque, [0.08 * rated] * count, (0.6, 1.0), 0.5, STEP, seed)
+    torque = torque[: round(duration / STEP)]
+    size = len(torque)
+    torque = torque + multisine(np.linspace(0.3, 2.0, 9) * f, 0.01 * rated, size * STEP, STEP, seed)[:size]
+    noise = white_noise(size, torque_noise * rated, 7 * seed + 1)
+    run = simulate_linear(machine, torque, STEP, start, noise)
+    scale = rated * 0.25 / sum(machine.inertia)
+    return experiment(torque, run.speeds[:, 0] + white_noise(size, speed_noise * scale, 7 * seed + 2))
+
+
+def reversing_record(machine: Machine, seed: int, duration: float = 10.0, torque_noise: float = 0.002,
+                     speed_noise: float = 0.02) -> tuple[Experiment, object]:
+    """A drive under a speed controller through many reversals, with a multisine on the torque."""
+    rated, total = machine.rated_torque, sum(machine.inertia)
+    size = round(duration / STEP)
+    top = 0.15 * rated / total
+    reference = trapezoids(top, 0.75, 0.35, duration, STEP, seed)[:size]
+    f = resonance(machine) if machine.bodies > 1 else 10.0
+    excite = multisine(np.linspace(0.2, 2.0, 15) * f, 0.012 * rated, duration, STEP, seed)[:size]
+    gain = 6.0 * total
+    controller = SpeedPI(reference, gain, 2.0 * gain, STEP, limit=rated)
+    run = simulate(machine, excite, STEP, at_rest(machine), controller,
+                   white_noise(size, torque_noise * rated, 7 * seed + 3),
+                   sensor=Sensor("speed", white_noise(size, speed_noise * top / 10.0, 7 * seed + 4)))
+    return experiment(run.command, run.measured), run
+
+
+def joint_error(estimate: Estimate, values: dict[str, float]) -> tuple[float, float]:
+    """(normalised squared error of all fitted parameters, its 99.9 % quantile)."""
+    names = estimate.covariance.names
+    error = np.array([estimate.drive.values[n] - values[n] for n in names])
+    square = float(error @ np.linalg.solve(estimate.covariance.matrix, error))
+    return square, float(chi2.ppf(0.999, len(names)))

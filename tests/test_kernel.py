@@ -1,0 +1,160 @@
+"""The kernel against exact steps of linear chains, and the tools that the other kernel tests share."""
+
+import ast
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivetool.drive import compiled
+from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Plant, Trace
+from tests.simulator.machine import Machine, State, at_rest, machine_by_seed
+from tests.simulator.simulate import simulate, simulate_linear
+
+STEP = 1e-3
+CHAIN = Machine((0.4, 0.7, 3.0), (0.1, 0.2, 0.3), (), (1.0, 0.5, 2.0), (900.0, 400.0), (0.5, 0.8), (),
+                (2.0, 0.5), "inside", 433.0, 0.69, 0.0023)
+NAMES = {1: ("motor",), 2: ("motor", "load"), 3: ("motor", "gear", "arm")}
+
+
+def drive_of(machine):
+    """The same machine for drivetool."""
+    n = machine.bodies
+    bodies = NAMES.get(n) or tuple(f"body{k}" for k in range(n))
+    shafts = ("shaft", *(f"shaft{k}" for k in range(2, n)))[:n - 1]
+    values = {"converter.dead_time": machine.dead_time}
+    for owners, suffixes in ((bodies, ("inertia", "viscous", "coulomb", "idle_torque")),
+                             (shafts, ("stiffness", "damping", "half_gap", "ratio"))):
+        for suffix in suffixes:
+            values |= {f"{o}.{suffix}": v for o, v in zip(owners, getattr(machine, suffix), strict=True)}
+    if machine.converter_bandwidth is not None:
+        values |= {"converter.bandwidth": machine.converter_bandwidth,
+                   "converter.damping": machine.converter_damping}
+    return Drive("test", bodies, shafts, values, damping_law=machine.law)
+
+
+def plant_of(drive, outputs, free=(), step=STEP, load=False, **more):
+    """A drive ready to run."""
+    inputs = ("motor_torque", "load_torque") if load else ("motor_torque",)
+    layout = Layout(tuple(free), inputs, tuple(outputs), step, gradient=bool(free), **more)
+    whole = int((drive.value("converter.dead_time") or 0.0) / step + 1e-9)
+    return Plant(Assembly(drive, layout).system(), whole)
+
+
+def start_of(machine, plant, start=None):
+    """(nx,) start state; the command before the record must be `start.torque`."""
+    start = start or at_rest(machine)
+    x = np.zeros(plant.system.nx)
+    n = machine.bodies
+    x[:2 * n - 1] = [*start.speeds, *start.twists]
+    angle = plant.system.nx - 2 * n + 1 - 2 * (machine.converter_bandwidth is not None)
+    if angle:
+        x[2 * n - 1] = start.angle
+    if machine.converter_bandwidth is not None:
+        x[2 * n - 1 + angle:][:2] = start.torque, start.torque_rate
+    return x
+
+
+def kernel(machine, torque, step=STEP, start=None, load=None):
+    """(speeds (n, bodies), shaft torque (n, 0 or 1), angles (n, bodies), samples with events)."""
+    bodies, shaft = drive_of(machine).bodies, ["shaft_torque"] * (machine.bodies > 1)
+    outputs = [f"{b}_speed" for b in bodies] + shaft + [f"{b}_angle" for b in bodies]
+    plant = plant_of(drive_of(machine), outputs, step=step, load=load is not None)
+    u = np.asarray(torque, float)[:, None] if load is None else np.column_stack([torque, load])
+    trace = Trace(u, np.full((len(u), len(outputs)), np.nan), step)
+    out, _, located = plant.simulate(trace, start_of(machine, plant, start))
+    n = machine.bodies
+    return out[:, :n], out[:, n:n + len(shaft)], out[:, n + len(shaft):], located
+
+
+def levels(machine, n, seed, hold=40, share=0.25):
+    """(n,) random torque levels, held for `hold` samples."""
+    drawn = np.random.default_rng(seed).uniform(-1.0, 1.0, -(-n // hold))
+    return share * machine.rated_torque * np.repeat(drawn, hold)[:n]
+
+
+def compared(machine, torque, step=STEP, start=None, load=None):
+    """(rms difference of speeds, events of the simulator, samples with events in the kernel).
+
+    Shaft torque and angles must agree as far as the speeds do.
+    """
+    start = dataclasses.replace(start or at_rest(machine), torque=float(torque[0]))
+    truth = simulate(machine, torque, step, start, load_torque=load)
+    speeds, shaft, angles, located = kernel(machine, torque, step, start, load)
+    error = rms(speeds - truth.speeds)
+    assert rms(angles - truth.angles) < 1e-9 + error * max(1.0, len(torque) * step)
+    if machine.bodies > 1:
+        size = machine.stiffness[0] * step + machine.damping[0]
+        assert rms(shaft[:, 0] - truth.shaft_torques[:, 0]) < 1e-7 + 1e3 * error * size
+    return error, truth.events, located
+
+
+def rms(values):
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def changed(machine, **fields):
+    """The machine with some fields replaced."""
+    return dataclasses.replace(machine, **fields)
+
+
+# Linear chains
+
+
+def late_by(samples):
+    """The three-mass chain with a converter and a dead time."""
+    return changed(CHAIN, dead_time=samples * STEP)
+
+
+LINEAR = {
+    "one body": Machine((2.0,), (0.3,), (), (1.7,)),
+    "two bodies": machine_by_seed(2),
+    "two bodies, soft": machine_by_seed(2, stiffness=(0.5,), damping=(0.0,)),
+    "two bodies, stiff": machine_by_seed(3, stiffness=(1e6,)),
+    "heavy damping": machine_by_seed(4, viscous=(300.0, 20.0), damping=(1e3,)),
+    "three bodies, ratios, converter, dead time": CHAIN,
+    "less than a sample late": late_by(0.3),
+    "whole samples late": late_by(3.0),
+    "a rounding error short of whole samples": late_by(np.nextafter(3.0, 0.0)),
+    "five bodies": Machine((1.0, 0.2, 3.0, 0.1, 2.0), (0.1, 0.0, 0.2, 0.0, 0.3), (), (0.0, 0.5, 0.0, 0.0, 1.0),
+                           (900.0, 4000.0, 500.0, 800.0), (0.5, 0.8, 0.1, 0.0), (), (2.0, 0.5, 1.5, 0.8)),
+}
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_linear_chain_is_exact(name):
+    machine = LINEAR[name]
+    rng = np.random.default_rng(1)
+    torque, load = np.repeat(rng.uniform(-20.0, 20.0, (2, 60)), 20, axis=1)
+    start = State(tuple(rng.uniform(-2.0, 2.0, machine.bodies)), tuple(rng.uniform(-0.01, 0.01, machine.bodies - 1)),
+                  0.4, torque[0], 3.0)
+    speeds, shaft, angles, located = kernel(machine, torque, STEP, start, load)
+    exact = simulate_linear(machine, torque, STEP, start, load_torque=load)
+    assert np.abs(speeds - exact.speeds).max() < 1e-9
+    assert np.abs(angles - exact.angles).max() < 1e-9
+    assert located == 0
+    if machine.bodies > 1:
+        np.testing.assert_allclose(shaft[:, 0], exact.shaft_torques[:, 0], atol=1e-9 * np.ptp(exact.shaft_torques))
+
+
+def test_a_total_is_shared_out():
+    parts = drive_of(machine_by_seed(1, viscous=(0.0, 0.0), idle_torque=(0.0, 5.0)))
+    ratio = np.array([parts.values["motor.inertia"], parts.values["load.inertia"]])
+    shared = dict(zip(("motor.viscous", "load.viscous"), 3.0 * ratio / ratio.sum(), strict=True))
+    trace = Trace(np.full((300, 1), 20.0), np.zeros((300, 1)), STEP)
+    runs = [plant_of(drive, ["motor_speed"]).outputs(trace, np.zeros(3)) for drive in (
+        parts.with_values(shared), parts.with_values({"total.viscous": 3.0, "total.idle_torque": 5.0}))]
+    np.testing.assert_allclose(*runs, atol=1e-12)
+
+
+def test_the_compiled_code_is_keyed_by_all_its_sources():
+    """Numba's own cache would not see a change in a file that the compiled function only calls."""
+    room = Path(compiled.__file__).parent
+    for name in compiled._SOURCES:
+        for node in ast.walk(ast.parse((room / f"{name}.py").read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("drivetool.drive."):
+                assert node.module.removeprefix("drivetool.drive.") in compiled._SOURCES

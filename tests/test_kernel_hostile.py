@@ -1,0 +1,121 @@
+"""Hostile numbers: many random machines, extreme values, and that nothing hangs or breaks."""
+
+import numpy as np
+import pytest
+
+from drivetool.drive.simulate import Trace
+from drivetool.drive.system import CAPACITY
+from tests.simulator.machine import Machine, State
+from tests.test_kernel import STEP, changed, compared, drive_of, kernel, levels, plant_of, rms, start_of
+
+
+def random_machine(rng):
+    """One to four bodies, anything on or off, a rated torque, a step and a start."""
+    n = int(rng.integers(1, 5))
+    inertia = 10.0 ** rng.uniform(-1.0, 1.0, n)
+    resonance = 2.0 * np.pi * 10.0 ** rng.uniform(0.3, 2.0, n - 1)
+    reduced = 1.0 / (1.0 / inertia[:-1] + 1.0 / inertia[1:])
+    rated = inertia.sum() * rng.uniform(5.0, 80.0)
+
+    def some(size, scale):
+        return tuple(scale * rng.uniform(0.0, 1.0, size) * (rng.uniform(size=size) < 0.6))
+
+    stiffness = reduced * resonance**2
+    machine = Machine(
+        tuple(inertia), some(n, 0.02 * rated), some(n, 0.15 * rated), some(n, 0.1 * rated), tuple(stiffness),
+        some(n - 1, 1.0) * 1, some(n - 1, 1.0) * 1, tuple(10.0 ** rng.uniform(-0.3, 0.3, n - 1)),
+        ("inside", "always")[rng.integers(2)], rng.choice([None, 200.0, 2000.0]), 0.7,
+        rng.choice([0.0, 0.3, 1.7]) * STEP, float(rated))
+    twist = rated / stiffness
+    machine = changed(machine, half_gap=tuple(0.3 * twist * machine.half_gap),
+                      damping=tuple(0.1 * machine.damping * np.sqrt(stiffness * reduced)))
+    speeds = rng.uniform(-1.0, 1.0, n) * (rng.uniform(size=n) < 0.6)
+    start = State(tuple(speeds), tuple(rng.uniform(-1.0, 1.0, n - 1) * twist * (rng.uniform(size=n - 1) < 0.7)))
+    return machine, start
+
+
+def torque_of(machine, rng, n):
+    """Held levels, pulses and zeros."""
+    torque = levels(machine, n, int(rng.integers(1 << 30)), hold=int(rng.integers(1, 12)), share=0.5)
+    return torque * (rng.uniform(size=n) < 0.8)
+
+
+def test_five_hundred_machines_do_not_care_about_sampling():
+    """Four times finer sampling: the same motion, and fewer than all samples have events."""
+    rng, errors, located = np.random.default_rng(2024), [], 0
+    for _ in range(500):
+        machine, start = random_machine(rng)
+        torque = torque_of(machine, rng, 60)
+        start = State(start.speeds, start.twists, 0.0, torque[0])
+        coarse, _, angles, count = kernel(machine, torque, STEP, start)
+        fine, _, _, _ = kernel(machine, np.repeat(torque, 4), STEP / 4, start)
+        assert np.all(np.isfinite(coarse)) and np.all(np.isfinite(angles))
+        errors.append(rms(coarse - fine[::4]) / max(1.0, np.abs(fine).max()))
+        located += count
+    # A few machines amplify rounding errors by many impacts.
+    assert np.quantile(errors, 0.99) < 1e-9 and max(errors) < 1e-6
+    assert 500 < located < 0.5 * 500 * 60
+
+
+def test_a_part_of_them_against_the_simulator():
+    rng, errors = np.random.default_rng(77), []
+    for _ in range(60):
+        machine, start = random_machine(rng)
+        errors.append(compared(machine, torque_of(machine, rng, 40), STEP, start)[0])
+    assert np.quantile(errors, 0.9) < 1e-9 and max(errors) < 1e-7
+
+
+EXTREME = {
+    "motor.inertia": (1e-12, 1e12), "load.inertia": (1e-12, 1e12), "shaft.stiffness": (1e-9, 1e15),
+    "shaft.damping": (0.0, 1e12), "motor.viscous": (0.0, 1e12), "motor.coulomb": (0.0, 1e12),
+    "shaft.half_gap": (0.0, 1e3), "converter.bandwidth": (1e-3, 1e9), "shaft.ratio": (1e-6, 1e6),
+    "converter.dead_time": (0.0, 1.0), "load.idle_torque": (-1e12, 1e12),
+}
+
+
+@pytest.mark.parametrize("name", EXTREME)
+@pytest.mark.parametrize("law", ["inside", "always"])
+def test_values_at_the_bounds_of_what_a_fit_may_try_end_soon(name, law):
+    """Trial values of a fit: any answer will do, but it has to come, and with sensitivities."""
+    machine = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 4.0), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), law=law,
+                      rated_torque=100.0)
+    for value in EXTREME[name]:
+        drive = drive_of(machine).with_values({name: value})
+        plant = plant_of(drive, ["motor_speed"], tuple(EXTREME)[:3])
+        trace = Trace(levels(machine, 200, 1)[:, None], np.zeros((200, 1)), STEP)
+        out, _ = plant.jacobian(trace, np.zeros(plant.system.nx))
+        assert out.shape == (200, 1)
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e7, 1e9, 1e12])
+def test_a_machine_too_stiff_for_the_record_is_a_rigid_one(stiffness):
+    """Above a certain stiffness events are not located: the motion must stay that of one body."""
+    machine = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 4.0), (0.0, 8.0), (stiffness,), (1e-3 * stiffness,), (1e-9,),
+                      rated_torque=100.0)
+    torque = np.concatenate([np.full(300, 60.0), np.full(600, -60.0)])
+    speeds = kernel(machine, torque)[0]
+    rigid = kernel(Machine((5.8,), (1.1,), (9.0,), (8.0,)), torque)[0]
+    assert rms(speeds - rigid) < 2e-2 * np.abs(rigid).max()
+
+
+def test_more_modes_than_are_kept():
+    """Six bodies with friction and a gap in every shaft: the cache is emptied, nothing changes."""
+    n = 4
+    machine = Machine((1.0,) * n, (0.3,) * n, (1.0,) * n, (), (2000.0,) * (n - 1), (1.0,) * (n - 1),
+                      (2e-4,) * (n - 1), rated_torque=80.0)
+    plant = plant_of(drive_of(machine), ["motor_speed"])
+    assert plant.cache.slot.size > CAPACITY
+    torque = levels(machine, 1500, 3, hold=15)
+    small, _, _, count = kernel(machine, torque)
+    error, _, _ = compared(machine, torque[:400])
+    assert error < 1e-9 and count > 300 and np.all(np.isfinite(small))
+
+
+def test_numbers_that_are_not_finite_end_too():
+    machine = Machine((0.6, 5.2), coulomb=(5.0, 4.0), stiffness=(3300.0,), half_gap=(0.01,), rated_torque=100.0)
+    plant = plant_of(drive_of(machine), ["motor_speed"])
+    for poison in (np.nan, np.inf, 1e300):
+        torque = levels(machine, 100, 1)[:, None]
+        torque[50] = poison
+        out = plant.outputs(Trace(torque, np.zeros((100, 1)), STEP), start_of(machine, plant))
+        assert np.all(np.isfinite(out[:50]))
