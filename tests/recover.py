@@ -9,7 +9,7 @@ from drivetool.drive.chain import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
 from drivetool.logs.experiment import Experiment
 from tests.simulator.controllers import SpeedPI
-from tests.simulator.experiments import multisine, steps, trapezoids
+from tests.simulator.experiments import alternating, multisine, steps, trapezoids
 from tests.simulator.machine import Machine, at_rest, running
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import Sensor, simulate, simulate_linear
@@ -95,3 +95,18 @@ def joint_error(estimate: Estimate, values: dict[str, float]) -> tuple[float, fl
     error = np.array([estimate.drive.values[n] - values[n] for n in names])
     square = float(error @ np.linalg.solve(estimate.covariance.matrix, error))
     return square, float(chi2.ppf(0.999, len(names)))
+
+
+def gap_record(machine: Machine, seed: int, torque_noise: float = 0.002, speed_noise: float = 0.002):
+    """Alternating torque steps about steady running: (experiment, trajectory)."""
+    rated = machine.rated_torque
+    start = running(machine, 40.0)
+    period = 4.0 / resonance(machine)
+    half = (max(0.15, period), max(0.3, 2.0 * period))
+    pairs = int(np.clip(6.0 / (2.0 * np.mean(half)), 4, 12))
+    torque = alternating(start.torque, (0.35 * rated, 0.5 * rated), half, pairs, 0.4, STEP, seed)
+    size = len(torque)
+    run = simulate(machine, torque, STEP, start, None, white_noise(size, torque_noise * rated, 7 * seed + 5))
+    scale = rated * 0.25 / sum(machine.inertia)
+    speed = run.speeds[:, 0] + white_noise(size, speed_noise * scale, 7 * seed + 6)
+    return experiment(torque, speed, "gap"), run

@@ -17,6 +17,8 @@ from tests.simulator.simulate import simulate, simulate_linear
 STEP = 1e-3
 CHAIN = Machine((0.4, 0.7, 3.0), (0.1, 0.2, 0.3), (), (1.0, 0.5, 2.0), (900.0, 400.0), (0.5, 0.8), (),
                 (2.0, 0.5), "inside", 433.0, 0.69, 0.0023)
+THREE = Machine((0.6, 1.0, 5.2), (0.8, 0.0, 0.1), (5.0, 2.0, 1.0), (0.0, 0.0, 8.0), (9300.0, 3300.0),
+                (3.1, 3.0), (0.01, 0.003), (2.0, 0.7), rated_torque=300.0)
 NAMES = {1: ("motor",), 2: ("motor", "load"), 3: ("motor", "gear", "arm")}
 
 
@@ -120,25 +122,27 @@ LINEAR = {
     "less than a sample late": late_by(0.3),
     "whole samples late": late_by(3.0),
     "a rounding error short of whole samples": late_by(np.nextafter(3.0, 0.0)),
-    "five bodies": Machine((1.0, 0.2, 3.0, 0.1, 2.0), (0.1, 0.0, 0.2, 0.0, 0.3), (), (0.0, 0.5, 0.0, 0.0, 1.0),
-                           (900.0, 4000.0, 500.0, 800.0), (0.5, 0.8, 0.1, 0.0), (), (2.0, 0.5, 1.5, 0.8)),
+    "five bodies": Machine(
+        (1.0, 0.2, 3.0, 0.1, 2.0), (0.1, 0.0, 0.2, 0.0, 0.3), (), (0.0, 0.5, 0.0, 0.0, 1.0),
+        (900.0, 4000.0, 500.0, 800.0), (0.5, 0.8, 0.1, 0.0), (), (2.0, 0.5, 1.5, 0.8)),
 }
 
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_linear_chain_is_exact(name):
     machine = LINEAR[name]
-    rng = np.random.default_rng(1)
+    rng, n = np.random.default_rng(1), machine.bodies
     torque, load = np.repeat(rng.uniform(-20.0, 20.0, (2, 60)), 20, axis=1)
-    start = State(tuple(rng.uniform(-2.0, 2.0, machine.bodies)), tuple(rng.uniform(-0.01, 0.01, machine.bodies - 1)),
-                  0.4, torque[0], 3.0)
+    speeds, twists = rng.uniform(-2.0, 2.0, n), rng.uniform(-0.01, 0.01, n - 1)
+    start = State(tuple(speeds), tuple(twists), 0.4, torque[0], 3.0)
     speeds, shaft, angles, located = kernel(machine, torque, STEP, start, load)
     exact = simulate_linear(machine, torque, STEP, start, load_torque=load)
     assert np.abs(speeds - exact.speeds).max() < 1e-9
     assert np.abs(angles - exact.angles).max() < 1e-9
     assert located == 0
-    if machine.bodies > 1:
-        np.testing.assert_allclose(shaft[:, 0], exact.shaft_torques[:, 0], atol=1e-9 * np.ptp(exact.shaft_torques))
+    if n > 1:
+        passed = exact.shaft_torques[:, 0]
+        np.testing.assert_allclose(shaft[:, 0], passed, atol=1e-9 * np.ptp(passed))
 
 
 def test_a_total_is_shared_out():

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.simulate import Gains, Trace
 from tests.simulator.machine import Machine, State, machine_by_seed
-from tests.test_kernel import CHAIN, STEP, changed, drive_of, levels, plant_of, rms, start_of
+from tests.test_kernel import CHAIN, STEP, THREE, changed, drive_of, levels, plant_of, rms, start_of
 
 BAR = 1e-5
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "motor_angle", "load_angle")
 RIG = Machine((0.6, 5.2), (0.8, 0.3), (), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
 RUBBING = changed(RIG, coulomb=(5.0, 4.0), viscous=(3.0, 1.0))
 MOVING = State((0.5, 0.3), (0.012,))  # at rest, a start speed has no two-sided derivative
-THREE = Machine((0.6, 1.0, 5.2), (0.8, 0.0, 0.1), (5.0, 2.0, 1.0), (0.0, 0.0, 8.0), (9300.0, 3300.0), (3.1, 3.0),
-                (0.01, 0.003), (2.0, 0.7), rated_torque=300.0)
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,6 @@ def differences(case, column, plant):
 
 def state_names(case):
     """Names of the states, in order."""
-    from drivetool.drive.assemble import Assembly, Layout
     layout = Layout((), ("motor_torque",), case.outputs, STEP, case.memory, gradient=False)
     return Assembly(drive_of(case.machine), layout).states
 
@@ -97,23 +95,27 @@ def worst(case):
     return max(found.values())
 
 
+ROTOR = Machine((2.0,), (0.3,), (1.7,), (0.4,), rated_torque=20.0)
+REVERSALS = levels(RIG, 800, 4, share=0.1)
 SEEDED = machine_by_seed(6, gap=0.1, friction=True)
 CASES = {
     "linear": Case(machine_by_seed(3), levels(machine_by_seed(3), 300, 1)),
-    "one body": Case(Machine((2.0,), (0.3,), (1.7,), (0.4,), rated_torque=20.0),
-                     levels(Machine((2.0,), rated_torque=20.0), 600, 5, share=0.5), start=State((0.5,), ()), outputs=("motor_speed",)),
+    "one body": Case(ROTOR, levels(ROTOR, 600, 5, share=0.5), start=State((0.5,), ()),
+                     outputs=("motor_speed",)),
     "chain with converter and dead time": Case(
         CHAIN, np.repeat([20.0, -20.0, 5.0], 100), start=State((1.0, 0.5, 1.0), (0.01, 0.02), 0.3, 20.0)),
     "gap inside": Case(RIG, levels(RIG, 500, 1)),
     "gap always": Case(changed(RIG, law="always"), levels(RIG, 500, 1)),
-    "stick and slip": Case(changed(RUBBING, half_gap=(0.0,)), levels(RIG, 800, 4, share=0.1), start=MOVING),
-    "gap, stick and slip": Case(RUBBING, levels(RIG, 800, 4, share=0.1), start=MOVING),
+    "stick and slip": Case(changed(RUBBING, half_gap=(0.0,)), REVERSALS, start=MOVING),
+    "gap, stick and slip": Case(RUBBING, REVERSALS, start=MOVING),
     "seeded": Case(SEEDED, levels(SEEDED, 600, 2), start=MOVING),
-    "three bodies with everything": Case(THREE, levels(THREE, 300, 3), start=State((0.5, 0.3, -0.3), (0.012, 0.001))),
+    "three bodies with everything": Case(
+        THREE, levels(THREE, 300, 3), start=State((0.5, 0.3, -0.3), (0.012, 0.001))),
     "dead time with events": Case(
-        changed(RUBBING, converter_bandwidth=433.0, dead_time=2.4 * STEP), levels(RIG, 800, 4, share=0.1), start=MOVING),
+        changed(RUBBING, converter_bandwidth=433.0, dead_time=2.4 * STEP), REVERSALS, start=MOVING),
     "dead time alone lets go": Case(
-        changed(RUBBING, dead_time=1.4 * STEP, half_gap=(0.0,)), np.repeat([4.0, 15.0, -1.0, -20.0], 100), start=MOVING),
+        changed(RUBBING, dead_time=1.4 * STEP, half_gap=(0.0,)),
+        np.repeat([4.0, 15.0, -1.0, -20.0], 100), start=MOVING),
     "memory of a disturbance": Case(RIG, levels(RIG, 400, 1), memory=0.97),
 }
 
@@ -137,7 +139,8 @@ def test_sensitivities_under_an_observer(coulomb):
 
 def test_sensitivity_of_a_gap_of_zero():
     """One side only: a half gap cannot be negative."""
-    case = Case(changed(RIG, half_gap=(0.0,), idle_torque=(0.0, 2.0)), levels(RIG, 400, 1), ("shaft.half_gap",), MOVING)
+    machine = changed(RIG, half_gap=(0.0,), idle_torque=(0.0, 2.0))
+    case = Case(machine, levels(RIG, 400, 1), ("shaft.half_gap",), MOVING)
     plant = case.plant()
     _, jac = plant.jacobian(case.trace(), case.begin(plant))
     size = 1e-6
@@ -162,5 +165,6 @@ def test_sensitivities_survive_release_and_capture(excess):
     machine = Machine((0.6, 5.2), coulomb=(5.0, 0.0), stiffness=(3300.0,), damping=(3.1,))
     start = State((0.0, -5e-3), (-(5.0 + excess + 3.1 * 5e-3) / 3300.0,))
     plant = plant_of(drive_of(machine), OUTPUTS, ("motor.inertia", "motor.coulomb", "shaft.stiffness"))
-    _, jac = plant.jacobian(Trace(np.zeros((50, 1)), np.zeros((50, 5)), STEP), start_of(machine, plant, start))
+    still = Trace(np.zeros((50, 1)), np.zeros((50, 5)), STEP)
+    _, jac = plant.jacobian(still, start_of(machine, plant, start))
     assert np.abs(jac[:, 0]).max() < 2.0

@@ -63,6 +63,8 @@ def correlate(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray], ste
     - The share of the residual that any filter of the torque over these lags explains (F test),
       both whitened by the autoregression of the residual, white if the noise model is right. It
       sees the ringing that a wrong stiffness leaves: over a slow torque it averages out of r.
+    The model counts as exact: one fitted on a record of equal length falls below p = 0.01 in some
+    4 % of cases, below 0.001 as good as never.
 
     residuals   (n,) per stretch, NaN where there is none; inputs: (n, nu) per stretch
     step        sample interval [s]

@@ -41,8 +41,8 @@ def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck)
                 "warning", "simulation-drifts",
                 f"In a free run by {check.model} the {check.output.replace('_', ' ')} of {check.file} drifts "
                 f"away by {abs(slope) * time:.3g} {check.unit} in {time:.3g} s, as an idle torque "
-                f"{abs(torque):.2g} {experiment.torque_unit} too {'low' if torque > 0.0 else 'high'} does, or "
-                "a wrong inertia under a torque of one direction.",
+                f"{abs(torque):.2g} {experiment.torque_unit} too {'low' if torque > 0.0 else 'high'} does, "
+                "or a wrong inertia under a torque of one direction.",
                 {"drift": float(slope) * time, "torque": torque, "share_of_residual": float(share)},
                 "Check friction and idle torque (steady), and whether the load was the same.")]
     return []

@@ -50,7 +50,7 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
     if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
         found.append(Finding(
             "failure", "fit-below-minimum",
-            f"The simulation explains {check.simulation_fit_percent:.4g} % of {where}; "
+            f"The simulation explains {_share(check.simulation_fit_percent)} of {where}; "
             f"{options.min_fit:g} % were asked for.",
             {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
             "Look at the pictures (--plot), then run diagnose."))
@@ -89,7 +89,7 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
     shown = missed or checks
     worst = min(shown, key=lambda c: (np.nan_to_num(c.simulation_fit_percent, nan=-np.inf),
                                       -np.nan_to_num(c.max_correlation)))
-    figures = (f"the simulation explains {worst.simulation_fit_percent:.4g} % of {_where(worst)} "
+    figures = (f"the simulation explains {_share(worst.simulation_fit_percent)} of {_where(worst)} "
                f"with rmse {worst.rmse:.3g} {worst.unit}" + (
                    ", as much as the torque noise allows" if worst in limited else ""))
     if missed:
@@ -111,6 +111,11 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
         elif tested:
             start += ", and nothing in what is left depends on the torque"
     return start + ("." if unseen else "; but the fit has seen every record, so this is no validation.")
+
+
+def _share(fit: float) -> str:
+    """A fit in words: below zero, the mean would have been the better guess."""
+    return f"{fit:.4g} %" if fit > 0.0 else f"nothing (fit {fit:.4g} %)"
 
 
 def _where(check: RecordCheck) -> str:

@@ -114,8 +114,8 @@ def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
     size = correlation.band.shape[1]
     after = correlation.lags[-size:]
     return [*found, Exhibit(
-        "correlation", f"{which}: does the residual of the {label} depend on the torque?",
-        "lag [s]; left of zero only feedback, not judged", "correlation", {
+        "correlation", f"{which}: residual and torque, p {check.correlation_p:.2g}",
+        "lag [s]; left of zero only feedback, not judged", f"correlation with {label} residual", {
             "residual with torque": (correlation.lags, correlation.r[0]),
             "band 97 % for one lag": (after, correlation.band[0]),
             f"limit {options.max_correlation:g}": (after, np.full(size, options.max_correlation))})]

@@ -52,7 +52,7 @@ def run(job: Job, options: ValidateOptions) -> int:
               for source in opened.loaded.sources
               for one in [replace(opened.loaded, sources=(source,))]]
     fitted_on = [[entry.sha256 for entry in source.file.data] for source in opened.loaded.sources]
-    more = {"fitted_on": fitted_on} if any(fitted_on) else {}
+    more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
         validation = validate(opened.experiments, models, options, **more)
     except DriveToolError:

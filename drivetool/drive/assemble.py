@@ -259,6 +259,7 @@ class Assembly:
             self._jets(gains).reshape(-1, 2, 1 + nq),
             np.array([b for b, _ in self.frictions], np.int64),
             self._jets([level for _, level in self.frictions]), outputs, output_gap,
+            _picks(outputs, output_gap),
             np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h]),
             self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
             len(outputs), ns)
@@ -274,6 +275,16 @@ class Assembly:
             for j, dual in row.items():
                 rows[m, j] = dual.jet()
         return rows, gap
+
+
+def _picks(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """(ny,) the state that an output simply is, or -1."""
+    found = np.full(len(outputs), -1, np.int64)
+    for m, rows in enumerate(outputs):
+        used = np.flatnonzero(rows.any(axis=1))
+        if gap[m] < 0 and used.size == 1 and rows[used[0], 0] == 1.0 and not rows[used[0], 1:].any():
+            found[m] = used[0]
+    return found
 
 
 def angle_roles(layout: Layout) -> tuple[str, ...]:

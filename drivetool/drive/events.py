@@ -256,9 +256,11 @@ def rough_step(s, c, x, inputs, i, big, mode, part, new):
 
 @njit(**COMPILE)
 def switch_late(s, c, x, u, late, big, mode, k):
-    """Saltation where the held torque switches inside a sample, at the dead time; k: slot or -1."""
-    if s.nq == 0:
-        return
+    """Saltation where the held torque switches inside a sample, at the dead time.
+
+    k        slot of the mode, or -1
+    returns  whether the mode has changed
+    """
     if k < 0:
         k = lookup(s, c, mode, 0)
     jump = c.vectors[1]
@@ -266,7 +268,8 @@ def switch_late(s, c, x, u, late, big, mode, k):
         jump[r] = 0.0
         for j in range(s.nu):
             jump[r] += c.flow[k, r, s.nx + j, 0] * (late[j] - u[j])
-    if s.nf > 0 and release(s, c.net[k], x, u, mode):
+    freed = s.nf > 0 and release(s, c.net[k], x, u, mode)
+    if freed:
         # The switch lets a body go: its acceleration begins here too.
         for r in range(s.nx):
             jump[r] = load_on(c.flow[k, r, :, 0], x, late)
@@ -276,3 +279,4 @@ def switch_late(s, c, x, u, late, big, mode, k):
     for r in range(s.nx):
         for q in range(s.nq):
             big[r, q] += jump[r] * s.delay[q]
+    return freed

@@ -43,6 +43,9 @@ def classify(reach, v, mode):
 def row_value(rows, k, e, x, u, i):
     """rows[k, e] [x, u[i], 1]."""
     nx, nu = x.size, u.shape[1]
+    if nx == 3 and nu == 1:
+        return ((rows[k, e, 0] * x[0] + rows[k, e, 1] * x[1])
+                + (rows[k, e, 2] * x[2] + rows[k, e, 3] * u[i, 0]) + rows[k, e, 4])
     v = rows[k, e, nx + nu]
     for j in range(nx):
         v += rows[k, e, j] * x[j]
@@ -82,6 +85,12 @@ def stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
 def predict(leap, k, x, u, i, b):
     """b = leap [x, u[i], 1]."""
     nx, nu = x.size, u.shape[1]
+    if nx == 3 and nu == 1:
+        x0, x1, x2, u0 = x[0], x[1], x[2], u[i, 0]
+        for r in range(3):
+            b[r] = ((leap[k, r, 0] * x0 + leap[k, r, 1] * x1)
+                    + (leap[k, r, 2] * x2 + leap[k, r, 3] * u0) + leap[k, r, 4])
+        return
     for r in range(nx):
         v = leap[k, r, nx + nu]
         for j in range(nu):

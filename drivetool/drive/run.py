@@ -11,11 +11,13 @@ from drivetool.drive.modes import lookup
 
 
 @njit(**HOT)
-def output_row(outputs, spring, reach, output_gap, mode, m, x, row):
+def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
     """Output m at x; row (nx,) gets its derivative over the state."""
     v = 0.0
     for j in range(x.size):
         row[j] = outputs[m, j, 0]
+    if picks[m] >= 0:
+        return x[picks[m]]
     gap = output_gap[m]
     if gap >= 0 and mode[gap] != 1:
         for j in range(x.size):
@@ -27,8 +29,12 @@ def output_row(outputs, spring, reach, output_gap, mode, m, x, row):
 
 
 @njit(**HOT)
-def output_gradient(outputs, spring, reach, output_gap, mode, m, x, row, big, col):
+def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col):
     """Derivative of output m over the ns columns."""
+    if picks[m] >= 0:
+        for q in range(col.size):
+            col[q] = big[picks[m], q]
+        return
     for q in range(col.size):
         v = 0.0
         for j in range(x.size):
@@ -73,6 +79,25 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
     return classify(reach, old, mode)
 
 
+@njit(**COMPILE)
+def varies(delay):
+    """Whether the dead time depends on a free parameter."""
+    found = False
+    for d in delay:
+        found = found or d != 0.0
+    return found
+
+
+@njit(**COMPILE)
+def slots(s, c, mode):
+    """Where the mode lies for the first and the last part of a sample."""
+    last = lookup(s, c, mode, s.spans.size - 1)
+    if s.spans.size == 1:
+        return last, last
+    first = lookup(s, c, mode, 0)
+    return first, lookup(s, c, mode, 1)  # once more: working out the first may have emptied the cache
+
+
 @njit(**HOT)
 def smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x, u, i, big, mode,
                 b, t, new, old):
@@ -106,7 +131,7 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     returns  samples in which events were located
     """
     leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
-    spring, slip_rows = s.spring, s.slip_rows
+    spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
     n, parts = mode.size, s.spans.size
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
@@ -114,37 +139,39 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     guard_values(spring, slip_rows, x, old)
     if fresh:
         classify(reach, old, mode)
-    observed, sens, located, k = gain.shape[0] > 0, jac.shape[0] > 0, 0, -1
+    observed, sens, located, first, last = gain.shape[0] > 0, jac.shape[0] > 0, 0, -1, -1
+    moves = parts > 1 and varies(s.delay)
     for i in range(u.shape[0]):
         if states.shape[0] > 0:
             for j in range(x.size):
                 states[i, j] = x[j]
         for m in range(out.shape[1]):
-            v = output_row(outputs, spring, reach, output_gap, mode, m, x, row)
+            v = output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
             out[i, m] = v
             known = y[i, m] == y[i, m]
             e = y[i, m] - v if known else 0.0
             if sens:
-                output_gradient(outputs, spring, reach, output_gap, mode, m, x, row, big, col)
+                output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col)
                 g = weight[i, m] if weight.shape[0] > 0 else 1.0
                 write_row(jac, i, m, col, g if known else 0.0, e)
             if observed and known:
                 use_measurement(gain, i, m, e, x, big, col, sens)
         if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
-            k = -1
+            first = -1
         for part in range(parts):
             held = late if part + 1 < parts else u
-            if k < 0 or parts > 1:
-                k = lookup(s, c, mode, part)
+            if first < 0:
+                first, last = slots(s, c, mode)
+            k = first if part == 0 else last
             if not smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
                                held, i, big, mode, b, t, new, old):
                 rough_step(s, c, x, held, i, big, mode, part, new)
                 located += 1
-                k = -1
+                first = -1
             for e in range(n):
                 old[e] = new[e]
-            if part + 1 < parts:
-                switch_late(s, c, x, u[i], late[i], big, mode, k)
+            if moves and part == 0 and switch_late(s, c, x, u[i], late[i], big, mode, first):
+                first = -1
         forget(memory, x, big)
     return located
 
@@ -217,7 +244,7 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
     """
     nx = s.nx
     leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
-    spring, slip_rows = s.spring, s.slip_rows
+    spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
     n, parts, number = mode.size, s.spans.size, -1
     row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
@@ -225,7 +252,7 @@ def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
     reclassify(spring, slip_rows, reach, x, mode, old)
     for i in range(u.shape[0]):
         for m in range(innov.shape[1]):
-            e = y[i, m] - output_row(outputs, spring, reach, output_gap, mode, m, x, row)
+            e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
             innov[i, m] = e
             var[i, m] = 1.0
             known = e == e

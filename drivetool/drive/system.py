@@ -31,6 +31,7 @@ class System(NamedTuple):
     level       (nf, 1 + nq)      its level
     outputs     (ny, nx, 1 + nq)  y = C x
     output_gap  (ny,)             gap whose torque adds to the output, or -1
+    picks       (ny,)             state that the output is, or -1 if it is more than a state
     spans       (1,) or (2,)      lengths of the parts of a sample [s]
     delay       (nq,)             d(dead time)/d(parameter)
     memory      (nx,)             factor on a state from sample to sample
@@ -46,6 +47,7 @@ class System(NamedTuple):
     level: np.ndarray
     outputs: np.ndarray
     output_gap: np.ndarray
+    picks: np.ndarray
     spans: np.ndarray
     delay: np.ndarray
     memory: np.ndarray

@@ -25,10 +25,11 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     console  where to; colours only on a terminal
     """
     console.print(parameter_table(file.parameters))
-    for name, entry in file.parameters.items():
-        if entry.reason:
-            console.print(Text(f"  {name}: {entry.reason}", style="dim"))
-    if any(entry.reason for entry in file.parameters.values()):
+    told = {name: entry.reason for name, entry in file.parameters.items()
+            if entry.reason and entry.status != "held"}
+    for name, reason in told.items():
+        console.print(Text(f"  {name}: {reason}", style="dim"))
+    if told:
         console.print()
     for line in fit_lines(file.fit):
         console.print(Text(f"  {line}"))
@@ -81,11 +82,11 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
                   "lags out %"):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
-    table.add_column("bars", no_wrap=True)
+    table.add_column("bars", no_wrap=True, min_width=6)
     for check in checks:
         cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent),
                  short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
-                 short(check.lags_outside_percent, 2))
+                 f"{check.lags_outside_percent:.0f}")
         mark = Text("met", "green") if check.passed else Text("missed", "bold red")
         table.add_row(*map(Text, cells), mark)
     return table

@@ -18,13 +18,16 @@ from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, coloured, fit_task
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
+from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
-from drivetool.identify.setup import Roles, roles_of
+from drivetool.identify.setup import first_states, roles_of
 from drivetool.logs.experiment import Experiment
 
-# Starting half gaps over the twist that the torque of the record makes.
-STARTS = (0.1, 0.5, 2.0, 6.0)
+# Half gaps to look at, over the twist that the torque of the record makes.
+SCAN = np.geomspace(0.01, 30.0, 160)
+VALLEYS = 3
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -53,25 +56,48 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     shut = [g for g in gaps if not closed[g].reverses]
     if shut:
         return _not_crossed(task, drive, shut, closed, options)
-    outcome = fit_task(task, options, _starts(task, gaps, roles, options))
+    outcome = fit_task(task, options, _starts(task, gaps, options))
     outcome = coloured(split_totals(outcome, options))
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
                        known=options.known)
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
-    return _one_sided_contact(estimate, outcome, gaps)
+    return _one_sided_contact(_ambiguous(estimate, outcome, gaps), outcome, gaps)
 
 
-def _starts(task: Task, gaps: Sequence[str], roles: Roles, options: Options) -> list[dict[str, float]]:
-    """Half gaps to start from: the one given, and shares of the twist the torque makes."""
+def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str, float]]:
+    """Half gaps to start from: the one given, and where a scan of the likelihood has its valleys.
+
+    With the other parameters held, one Kalman pass tells the likelihood of a half gap: cheap
+    enough to look everywhere, and the valleys are narrow.
+    """
     torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
-    spread = float(np.nanstd(torque))
     given = {g: v for g in gaps if (v := task.drive.value(g) or 0.0) > 0.0}
     starts = [given] if given else []
-    for share in STARTS:
-        starts.append({g: share * spread / task.drive.value(g.split(".")[0] + ".stiffness") for g in gaps})
-    return starts[: options.starts] if options.starts else starts
+    twist = {g: float(np.nanstd(torque)) / task.drive.value(g.split(".")[0] + ".stiffness") for g in gaps}
+
+    def look(share: float, noise: Noise | None) -> tuple[float, Noise]:
+        trial = task.at({g: share * twist[g] for g in gaps})
+        problem = trial.problem(free=())
+        point = Point(np.empty(0), first_states(trial.drive, task.roles, problem.traces))
+        if noise is None:
+            noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
+        return minus_log_likelihood(filtered(problem, point, noise, keep=False)), noise
+
+    coarse = [look(share, None) for share in SCAN[::8]]
+    noise = min(coarse, key=lambda pair: pair[0])[1]
+    values = np.array([look(share, noise)[0] for share in SCAN])
+    lowest = valleys(values)[: 3 * VALLEYS]
+    lowest = sorted(lowest, key=lambda i: look(SCAN[i], None)[0])[: options.starts or VALLEYS]
+    return starts + [{g: float(SCAN[i]) * twist[g] for g in gaps} for i in lowest]
+
+
+def valleys(values: np.ndarray) -> list[int]:
+    """Indices of the local minima of (n,) values, the lowest first."""
+    padded = np.concatenate(([np.inf], values, [np.inf]))
+    local = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
+    return [int(i) for i in local[np.argsort(values[local], kind="stable")]]
 
 
 def _wide(outcome: Outcome, name: str) -> bool:
@@ -122,6 +148,27 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
     parameters = tuple(new if p.name == name else p for p in estimate.parameters)
     return replace(estimate, parameters=parameters, findings=tuple(findings),
                    exhibits=(*estimate.exhibits, curve))
+
+
+def _ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+    """No interval where a start ended at quite another gap that is as likely."""
+    rivals = [s["reached"] for s in outcome.starts
+              if s.get("minus_log_likelihood_above_best", np.inf) < LEVEL95 and "reached" in s]
+    lines, findings = list(estimate.parameters), list(estimate.findings)
+    for g in gaps:
+        i = next(i for i, p in enumerate(lines) if p.name == g)
+        value, width = lines[i].value, 4.0 * (lines[i].std or 0.0) + 0.02 * lines[i].value
+        others = [r[g] for r in rivals if abs(r[g] - value) > width]
+        if lines[i].status != "fitted" or not others:
+            continue
+        low, high = min([value, *others]), max([value, *others])
+        lines[i] = replace(lines[i], std=None, ci95=None, status="not-identifiable",
+                           reason=f"half gaps from {low:.3g} to {high:.3g} explain the record equally well")
+        findings.append(Finding(
+            "warning", "half-gap-ambiguous",
+            f"Half gaps from {low:.3g} to {high:.3g} {lines[i].unit} explain this record equally well.",
+            {"low": low, "high": high}, "Record torque steps that cross the gap both ways."))
+    return replace(estimate, parameters=tuple(lines), findings=tuple(findings))
 
 
 def _counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:

@@ -13,9 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
-from drivetool.identify.blackbox_result import Physical, estimate_of
-from drivetool.identify.blackbox_start import Regression, starts
+from drivetool.identify.blackbox_result import Physical, estimate_of, fixed
+from drivetool.identify.blackbox_start import Regression, mean_speed, starts
 from drivetool.identify.engine import Outcome, Task, coloured
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import ALL
@@ -50,12 +51,15 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     task = Task(drive, (), _roles(experiments, drive), tuple(experiments))
     form = _form(task, options)
     _enough(task, form)
-    outcome = _fit(task, form, options)
     gain = np.inf
-    if form.order > 1:
-        stiff = replace(form, names=ONE_BODY + form.names[6:])
-        gain = misfit(_fit(task, stiff, options)) - misfit(outcome)
-    return estimate_of(Physical(form, drive, options), coloured(outcome), gain)
+    # A trial far off may make a frozen observer unstable: its cost overflows and it is rejected.
+    with np.errstate(over="ignore", invalid="ignore"):
+        outcome = _fit(task, form, options)
+        if form.order > 1:
+            stiff = replace(form, names=ONE_BODY + form.names[6:])
+            gain = misfit(_fit(task, stiff, options)) - misfit(outcome)
+        outcome = coloured(outcome)
+    return estimate_of(Physical(form, drive, options), outcome, gain)
 
 
 def misfit(outcome: Outcome) -> float:
@@ -128,22 +132,28 @@ def _fit(task: Task, form: Form, options: Options) -> Outcome:
         found = [Regression(traces, form.angle).rigid()]
     else:
         found = starts(traces, form.angle, max(1, options.starts or STARTS))
-    rest = np.zeros(len(form.names) - len(found[0].values))
-    return _fit_from(task, form, options, [np.append(s.values, rest) for s in found])
+    return _fit_from(task, form, options, [_resisted(s.values, form, traces) for s in found])
+
+
+def _resisted(values: np.ndarray, form: Form, traces: Sequence[Trace]) -> np.ndarray:
+    """Start values without the friction, if that is known; the offset makes up for the difference."""
+    if VISCOUS in form.names:
+        return values
+    change = np.zeros(len(values) - 1)
+    change[-1] = (values[-1] - form.viscous) * mean_speed(traces, form.angle)
+    return values[:-1] + change
 
 
 def _fit_from(task: Task, form: Form, options: Options, values: Sequence[np.ndarray]) -> Outcome:
     """The model fitted from start values; the best one counts."""
-    # A trial far off may make its frozen observer unstable; its cost overflows and it is rejected.
-    with np.errstate(over="ignore"):
-        found = [_polished(task, form, options, v) for v in values]
+    found = [_polished(task, form, options, v) for v in values]
     best = min(found, key=misfit)
+    tried = tuple({**dict(zip(form.names, map(float, v), strict=True)),
+                   "minus_log_likelihood_above_best": float(misfit(o) - misfit(best))}
+                  for v, o in zip(values, found, strict=True))
     if best.fit is not None:
         fit = restricted(best.problem, settle(best.problem, best.fit))
         best = replace(best, solution=fit.solution, fit=fit)
-    tried = tuple({**dict(zip(form.names, map(float, v), strict=True)),
-                   "minus_log_likelihood_above_best": float(max(misfit(o) - misfit(best), 0.0))}
-                  for v, o in zip(values, found, strict=True))
     return replace(best, starts=tried)
 
 
@@ -151,11 +161,14 @@ def _polished(task: Task, form: Form, options: Options, values: np.ndarray) -> O
     """One fit, by the criterion of the options."""
     simulation = options.criterion == "simulation"
     problem = problem_of(task, form, values, (options.segment or 0.0) if simulation else 0.0)
-    point = settled_starts(problem, Point(values, _states(problem, form)))
+    still = fixed(problem, values)
+    states = solve(still, Point(np.empty(0), _states(problem, form)), most=10).point.starts
+    point = Point(values, states)
     if simulation:
         solution = solve(problem, point, relative=1e-10, most=100)
         return Outcome(task, problem, solution, None, (), solution.converged)
-    fit = fit_innovations(problem, point)
+    # Simulating well first: from a residual of a drift, not of noise, the search for the noise goes astray.
+    fit = fit_innovations(problem, solve(problem, point, relative=1e-4, most=20).point)
     return Outcome(task, problem, fit.solution, fit, (), fit.converged)
 
 
@@ -183,12 +196,3 @@ def _states(problem: Problem, form: Form) -> tuple[np.ndarray, ...]:
     lag = int(np.isfinite(form.bandwidth))
     return tuple(np.concatenate([np.zeros(form.states), lag * [t.inputs[0, 0], 0.0]])
                  for t in problem.traces)
-
-
-def settled_starts(problem: Problem, point: Point) -> Point:
-    """The point with the start states that simulate best."""
-    values = point.values
-    still = replace(
-        problem, names=(), low=np.empty(0), high=np.empty(0), size=np.empty(0),
-        build=lambda _, trace, gradient, memory: problem.build(values, trace, gradient, memory))
-    return replace(point, starts=solve(still, Point(np.empty(0), point.starts), most=10).point.starts)

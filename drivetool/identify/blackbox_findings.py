@@ -21,7 +21,7 @@ from drivetool.identify.transfer import Form
 # Log likelihood that the shaft must bring over one rigid body. Four coefficients and two start states
 # more bring 9.2 by chance once in 500 records at one resonance; the search tries many.
 VISIBLE = 15.0
-LEFT_OVER = 4.0  # standard deviations
+LEFT_OVER, LEFT_OVER_SHARE = 4.0, 0.1  # standard deviations, and of what it should be
 BINS_PER_DECADE = 12
 RECORD = ("Record torque steps upward from a constant speed, sudden ones, as large as the drive allows, "
           "with several periods of the oscillation between them.")
@@ -56,8 +56,9 @@ def findings_of(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], d
         found += _gap(task)
     if any(reverses(e) for e in task.experiments):
         found.append(Finding(
-            "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction changes "
-            "its sign, and the black box has none.", {}, "Use a record of one direction, or go on to greybox."))
+            "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction "
+            "changes its sign, and the black box has none.", {},
+            "Use a record of one direction, or go on to greybox."))
     return found
 
 
@@ -93,21 +94,24 @@ def _left_over(details: Mapping) -> list[Finding]:
     left = details.get("left_over", {})
     if left.get("in_std") is None or abs(left["in_std"]) <= LEFT_OVER:
         return []
+    if abs(left["b1"] - left["b1_from_parameters"]) <= LEFT_OVER_SHARE * abs(left["b1_from_parameters"]):
+        return []
     return [Finding(
         "warning", "conversion-left-over",
-        f"The coefficient that the conversion leaves out, b1, is {left['b1']:.4g}; two masses with a shaft have "
-        f"{left['b1_from_parameters']:.4g}, which is {abs(left['in_std']):.1f} standard deviations away.", left,
-        "A lag or dead time between the logged torque and the motor, a filter on the speed, or friction that "
-        "the drive file does not have does this; state what is known of them, then see greybox and diagnose.")]
+        f"The coefficient that the conversion leaves out, b1, is {left['b1']:.4g}; two masses with a shaft "
+        f"have {left['b1_from_parameters']:.4g}, {abs(left['in_std']):.1f} standard deviations away.", left,
+        "A lag or dead time between logged torque and motor does this, or a filter on the speed, or other "
+        "friction: state what is known of them, then see greybox and diagnose.")]
 
 
 def _sampling(resonance: float, traces: Sequence[Trace]) -> list[Finding]:
     rate = 1.0 / max(t.step for t in traces)
     if resonance <= rate / 3.0:
         return []
-    return [Finding("warning", "resonance-near-sampling-rate",
-                    f"The resonance, {resonance:.4g} Hz, lies above a third of the sampling rate of {rate:.4g} Hz.",
-                    {"resonance": resonance, "sampling_rate": rate}, "Record with a higher sampling rate.")]
+    return [Finding(
+        "warning", "resonance-near-sampling-rate",
+        f"The resonance, {resonance:.4g} Hz, lies above a third of the sampling rate, {rate:.4g} Hz.",
+        {"resonance": resonance, "sampling_rate": rate}, "Record with a higher sampling rate.")]
 
 
 def _band(resonance: float, traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> list[Finding]:
@@ -118,11 +122,11 @@ def _band(resonance: float, traces: Sequence[Trace], runs: Sequence[np.ndarray])
         return []
     seen = frequency[ratio > 1.0]
     band = f"{seen.min():.3g} to {seen.max():.3g} Hz" if len(seen) else "no band at all"
+    best = float(np.sqrt(ratio[near].max())) if near.any() else 0.0
     return [Finding(
-        "warning", "resonance-outside-band", f"The resonance of {resonance:.4g} Hz lies where the torque moves the "
-        f"drive less than the noise; the record excites {band}.",
-        {"resonance": resonance, "signal_over_noise": float(np.sqrt(ratio[near].max())) if near.any() else 0.0},
-        RECORD)]
+        "warning", "resonance-outside-band",
+        f"The resonance of {resonance:.4g} Hz lies where the torque moves the drive less than the noise "
+        f"does; the record excites {band}.", {"resonance": resonance, "signal_over_noise": best}, RECORD)]
 
 
 def excitation(traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -156,8 +160,9 @@ def _gap(task: Task) -> list[Finding]:
     unit = task.drive.torque_unit
     return [Finding(
         "warning", "gap-may-have-opened",
-        f"The shaft torque reaches from {shaft.least:.3g} to {shaft.most:.3g} {unit}: where it changes sign a gap "
-        "opens, and the black box has none.", {"least_shaft_torque": shaft.least, "largest_shaft_torque": shaft.most},
+        f"The shaft torque reaches from {shaft.least:.3g} to {shaft.most:.3g} {unit}: where it changes sign "
+        "a gap opens, and the black box has none.",
+        {"least_shaft_torque": shaft.least, "largest_shaft_torque": shaft.most},
         f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0.")]
 
 

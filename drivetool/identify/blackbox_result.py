@@ -27,6 +27,8 @@ from drivetool.identify.setup import traces_of
 from drivetool.identify.transfer import VISCOUS, Form, impossible, to_physical
 
 ONE_SIDED = 1.645
+IMPLAUSIBLE = 3.0  # idle torque over the largest torque of the record
+UNTOLD = "friction and idle torque cannot be told apart in this record"
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
     form, drive, task = physical.form, physical.drive, outcome.task
     c = form.seeds(outcome.solution.point.values)
     sure = uncertain(physical, outcome)
-    numbers, lack = converted(physical, outcome, c, gain)
+    numbers, lack = converted(physical, outcome, c, sure, gain)
     lines = parameters(physical, numbers, sure, lack[0] if lack else "")
     after = drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)
                                and p.name in physical.names.values()})
@@ -126,39 +128,49 @@ def uncertain(physical: Physical, outcome: Outcome) -> Uncertain:
     return Uncertain(covariance, ~np.isfinite(inflation) & free)
 
 
-def converted(physical: Physical, outcome: Outcome, c: Mapping[str, Dual],
+def converted(physical: Physical, outcome: Outcome, c: Mapping[str, Dual], sure: Uncertain,
               gain: float) -> tuple[dict[str, Dual], tuple[str, ...]]:
-    """(physical numbers, ()) or (what can still be told, (reason, code)) if there is no conversion."""
+    """(physical numbers, ()), or (what can still be told, (reason, code)) if there is no conversion."""
     form = physical.form
     values = {n: d.v for n, d in c.items()}
-    idle = form.ratio * (c["offset"] - _coulomb(physical.drive, outcome, form.ratio))
-    kept = {"offset": idle, VISCOUS: c[VISCOUS]}
-    if form.order == 1 and values["b"] <= 0.0:
-        return kept, ("the speed does not rise with a lasting torque: the inertia comes out negative",
-                      "impossible-conversion")
+    kept = _resistance(physical, outcome, c, sure)
     lack = lacking(gain)
     if lack:
         return kept, (lack, "shaft-not-excited")
-    reason = impossible(values) if form.order > 1 else ""
+    reason = impossible(values)
     if reason:
-        return kept, (reason, "impossible-conversion")
+        return {}, (reason, "impossible-conversion")
     numbers = to_physical(form, c) | kept
     for key, name in physical.names.items():
         low, high = physical.drive.quantity(name).bounds
-        if not numbers[key].v <= high or (key not in ("damping", VISCOUS) and not low <= numbers[key].v):
-            return kept, (f"{name} comes out as {numbers[key].v:.4g}, which is not physical",
-                          "impossible-conversion")
+        value = numbers[key].v if key in numbers else low
+        if value > high or (value < low and key not in ("damping", VISCOUS)):
+            return {}, (f"{name} comes out as {value:.4g}, which is not physical",
+                        "impossible-conversion")
     return numbers, ()
+
+
+def _resistance(physical: Physical, outcome: Outcome, c: Mapping[str, Dual],
+                sure: Uncertain) -> dict[str, Dual]:
+    """Idle torque and friction; nothing if the record does not tell them at all."""
+    largest = max(float(np.abs(t.inputs[:, 0]).max()) for t in outcome.problem.traces)
+    std = sure.std(c["offset"])
+    if std is None or std > largest or abs(c["offset"].v) > IMPLAUSIBLE * largest:
+        return {}
+    ratio = physical.form.ratio
+    return {"offset": ratio * (c["offset"] - _coulomb(physical.drive, outcome, ratio)), VISCOUS: c[VISCOUS]}
 
 
 def _coulomb(drive: Drive, outcome: Outcome, ratio: float) -> float:
     """Known Coulomb friction felt at the motor, which the offset of a one-way record contains."""
-    felt = sum((drive.value(f"{b}.coulomb") or 0.0) / r for b, r in zip(drive.bodies, (1.0, ratio), strict=False))
+    levels = [drive.value(f"{b}.coulomb") or 0.0 for b in drive.bodies]
+    felt = sum(level / r for level, r in zip(levels, (1.0, ratio), strict=False))
     if not felt or any(reverses(e) for e in outcome.task.experiments):
         return 0.0
     t = max(outcome.problem.traces, key=lambda t: t.size)
     y = t.outputs[np.isfinite(t.outputs[:, 0]), 0]
-    return float(felt * np.sign(y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()))
+    way = y[-1] - y[0] if outcome.task.roles.outputs[0].endswith("angle") else y.mean()
+    return float(felt * np.sign(way))
 
 
 def parameters(physical: Physical, numbers: Mapping[str, Dual], sure: Uncertain,
@@ -171,7 +183,8 @@ def parameters(physical: Physical, numbers: Mapping[str, Dual], sure: Uncertain,
             line = _line(physical, key, name, numbers[key], sure.std(numbers[key]))
         else:
             value = float("nan") if start is None else start
-            line = Parameter(name, value, drive.unit(name), start, status="not-identifiable", reason=lack)
+            line = Parameter(name, value, drive.unit(name), start, status="not-identifiable",
+                             reason=lack or UNTOLD)
         if name in physical.options.hold:
             found = f"; the black box gives {line.value:.4g}" if line.status == "fitted" else ""
             line = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
@@ -212,7 +225,8 @@ def _covariance(physical: Physical, lines: tuple[Parameter, ...], numbers: Mappi
     return Covariance(tuple(physical.names[k] for k in keys), jacobian @ sure.covariance @ jacobian.T)
 
 
-def details(form: Form, c: Mapping[str, Dual], numbers: Mapping[str, Dual], sure: Uncertain) -> dict[str, object]:
+def details(form: Form, c: Mapping[str, Dual], numbers: Mapping[str, Dual],
+            sure: Uncertain) -> dict[str, object]:
     """Coefficients, poles, zeros and what the conversion left over."""
     found: dict[str, object] = {
         "model": "b / (s + p)" if form.order == 1 else "(b2 s^2 + b1 s + b0) / ((s + p) (s^2 + a2 s + a1))",
@@ -248,12 +262,18 @@ def _oscillation(linear: Dual, constant: Dual) -> tuple[Dual, Dual]:
 
 def simulated(outcome: Outcome) -> list[np.ndarray]:
     """Free runs of the fitted transfer function, only the start states fitted to them."""
-    task, values, build = outcome.task, outcome.solution.point.values, outcome.problem.build
-    problem = Problem(
-        lambda _, trace, gradient, memory: build(values, trace, gradient, memory), (), np.empty(0), np.empty(0),
-        np.empty(0), traces_of(task.experiments, task.roles), outcome.problem.free_start, np.ones(1))
-    starts = outcome.solution.point.starts
+    task, values, starts = outcome.task, outcome.solution.point.values, outcome.solution.point.starts
+    problem = replace(fixed(outcome.problem, values), traces=traces_of(task.experiments, task.roles))
     if len(starts) != len(problem.traces):
         starts = tuple(np.zeros_like(starts[0]) for _ in problem.traces)
     found = solve(problem, Point(np.empty(0), starts), most=20).point.starts
-    return [p.outputs(t, s) for p, t, s in zip(problem.plants(values, False), problem.traces, found, strict=True)]
+    plants = problem.plants(values, False)
+    return [p.outputs(t, s) for p, t, s in zip(plants, problem.traces, found, strict=True)]
+
+
+def fixed(problem: Problem, values: np.ndarray) -> Problem:
+    """The problem with its parameters fixed, so that only the start states are left."""
+    none = np.empty(0)
+    return replace(
+        problem, names=(), low=none, high=none, size=none,
+        build=lambda _, trace, gradient, memory: problem.build(values, trace, gradient, memory))

@@ -20,11 +20,12 @@ SAMPLES, STRETCHES = 30000, 8  # looked at, at most
 GRID_RATIO = 1.08  # of neighbouring resonances
 GRID_ZETA = (0.02, 0.1, 0.4)
 LOWEST_CYCLES = 2.0  # of a resonance in the longest stretch
+FASTEST_DECAY = 20.0  # by friction, in time constants over the longest stretch
 
 
 @dataclass(frozen=True)
 class Start:
-    """(b2, b1, b0, a2, a1, offset) or (b, offset) to start from, and the sum of squares they leave."""
+    """(b2, b1, b0, a2, a1, offset, viscous) or (b, offset, viscous), and the sum of squares they leave."""
 
     values: np.ndarray
     cost: float
@@ -94,27 +95,38 @@ class Regression:
         return Start(self._coefficients(pole, found / own, part), float(left @ left))
 
     def _coefficients(self, pole: complex, found: np.ndarray, part: np.ndarray) -> np.ndarray:
-        """(b2, b1, b0, a2, a1, offset) from the residues of rigid body and oscillation."""
+        """(b2, b1, b0, a2, a1, offset, viscous) from the residues of rigid body and oscillation."""
         rigid = np.linalg.lstsq(self.r, self.q.T @ self.y - part @ found, rcond=1e-12)[0] / self.size
         residue = complex(found[0], -found[self.traces[0].inputs.shape[1]])
         if self.angle:
             residue *= pole
         a2, a1, g = -2.0 * pole.real, abs(pole) ** 2, rigid[0]
         b1 = g * a2 - (residue * pole.conjugate()).real
-        return np.array([g + residue.real, b1, g * a1, a2, a1, self._offset(g)])
+        return np.array([g + residue.real, b1, g * a1, a2, a1, *self._resistance(rigid)])
 
     def rigid(self) -> Start:
-        """(b, offset) of one body."""
+        """(b, offset, viscous) of one body."""
         found = np.linalg.lstsq(self.r, self.q.T @ self.y, rcond=1e-12)[0] / self.size
-        return Start(np.array([found[0], self._offset(found[0])]), float(self.rest @ self.rest))
+        return Start(np.array([found[0], *self._resistance(found)]), float(self.rest @ self.rest))
 
-    def _offset(self, gain: float) -> float:
-        """The part of the mean torque that does not accelerate the longest stretch."""
-        t = self.traces[0]
-        time, y = np.arange(t.size) * t.step, t.outputs[:, 0]
-        good = np.isfinite(y)
-        slope = 2.0 * np.polyfit(time[good], y[good], 2)[0] if self.angle else np.polyfit(time[good], y[good], 1)[0]
-        return float(t.inputs[:, 0].mean() - (slope / gain if gain else 0.0))
+    def _resistance(self, rigid: np.ndarray) -> tuple[float, float]:
+        """(offset, viscous) from the drift of the longest stretch and from the integral of the output."""
+        g, column = rigid[0], (1 + self.angle) * self.traces[0].inputs.shape[1]
+        if not g:
+            return 0.0, 0.0
+        offset, viscous = -(1 + self.angle) * rigid[column + 1] / g, -rigid[column] / g
+        # At nearly one speed the two trade against one another: keep to what is plausible.
+        longest = self.traces[0].size * self.traces[0].step
+        kept = float(np.clip(viscous, 0.0, FASTEST_DECAY / abs(g) / longest))
+        return float(offset + (viscous - kept) * mean_speed(self.traces, self.angle)), kept
+
+
+def mean_speed(traces: Sequence[Trace], angle: bool) -> float:
+    """Of the longest stretch."""
+    t = max(traces, key=lambda t: t.size)
+    good = np.flatnonzero(np.isfinite(t.outputs[:, 0]))
+    y = t.outputs[good, 0]
+    return float((y[-1] - y[0]) / ((good[-1] - good[0]) * t.step) if angle else y.mean())
 
 
 def starts(traces: Sequence[Trace], angle: bool, count: int) -> list[Start]:
@@ -147,8 +159,9 @@ def _refined(regression: Regression, resonance: float, zeta: float) -> Start:
                              float(np.exp(np.clip(x[1], np.log(1e-3), np.log(0.95)))))
 
     x = np.log([resonance, zeta])
+    around = x + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, 0.7]])
     found = minimize(lambda x: at(x).cost, x, method="Nelder-Mead", options={
-        "maxfev": 60, "xatol": 1e-3, "fatol": 0.0, "initial_simplex": x + np.array([[0, 0], [0.04, 0], [0, 0.7]])})
+        "maxfev": 60, "xatol": 1e-3, "fatol": 0.0, "initial_simplex": around})
     return at(found.x)
 
 

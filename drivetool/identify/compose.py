@@ -11,6 +11,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit
+from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
@@ -39,8 +40,9 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     task, problem, solution = outcome.task, outcome.problem, outcome.solution
     after = outcome.drive
     extra, held = _from_held(outcome, known)
+    extra = _plus(extra, _from_sharing(outcome))
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
-    _, point, runs = free_run(task.at_point(solution.point))
+    _, _, runs = free_run(task.at_point(solution.point))
     traces = task.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
     simulated = np.concatenate([r[:, 0] for r in runs])
@@ -86,6 +88,34 @@ def _from_held(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray |
         "note", "held-values-dominate",
         f"The interval of {', '.join(heavy)} comes mostly from the uncertainty of the values that were held.",
         heavy, f"This record may know them better: add --free {' --free '.join(total[:4])}.")]
+
+
+def _plus(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
+    return b if a is None else a if b is None else a + b
+
+
+def _from_sharing(outcome: Outcome) -> np.ndarray | None:
+    """Covariance from not knowing how viscous friction is shared between the bodies.
+
+    A sum shared out by rule damps the resonance a little more or less than the true one does,
+    which the shaft damping takes up. The load's share is taken as uniform between none and all.
+    """
+    task, total = outcome.task, "total.viscous"
+    if total not in task.free or len(task.drive.bodies) < 2 or outcome.fit is None:
+        return None
+    whole = abs(float(outcome.drive.values[total]))
+    first, last = (f"{task.drive.bodies[i]}.viscous" for i in (0, -1))
+    inertias = [outcome.drive.values[f"{b}.inertia"] for b in task.drive.bodies]
+    parts = {f"{b}.viscous": whole * j / sum(inertias) for b, j in zip(task.drive.bodies, inertias, strict=True)}
+    drive = outcome.drive.with_values(parts)
+    names = tuple(first if n == total else n for n in task.free)
+    problem = problem_of(drive, (*names, last), task.roles, outcome.problem.traces)
+    point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
+    gains = [f.gains for f in filtered(problem, point, replace(outcome.fit.noise, memory=None))]
+    matrix, _, _ = schur(problem.normal(point, gains))
+    shift = -np.linalg.pinv(matrix[:-1, :-1], hermitian=True) @ matrix[:-1, -1]
+    shift[names.index(first)] += 1.0  # the sum is the motor's part plus the load's
+    return np.outer(shift, shift) * whole**2 / 12.0
 
 
 def _one_step(outcome: Outcome, y: np.ndarray) -> float | None:
@@ -145,9 +175,11 @@ def _exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:
     task = outcome.task
     unit = _unit(task.roles.outputs[0], task.experiments[0])
     label = task.roles.outputs[0].replace("_", " ")
-    found = []
+    found, done = [], 0
     for e in task.experiments:
-        mine = [i for i, t in enumerate(traces) if t.name == e.name]
+        count = sum(b - a >= 10 for a, b in e.segments)  # traces come in this order
+        mine = range(done, done + count)
+        done += count
         y = np.concatenate([traces[i].outputs[:, 0] for i in mine])
         s = np.concatenate([runs[i][:, 0] for i in mine])
         u = np.concatenate([traces[i].inputs[:, 0] for i in mine])

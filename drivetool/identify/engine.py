@@ -100,6 +100,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome
     best = settle(problem, best)
     for entry, fit in zip(tried, fits, strict=True):
         entry["minus_log_likelihood_above_best"] = float(max(fit.value - best.value, 0.0))
+        entry["reached"] = {n: float(v) for n, v in zip(task.free, fit.point.values, strict=True)}
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
 
 
@@ -215,11 +216,16 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None,
     point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     starts = smoothed_starts(problem, point, noise)
-    best = min((solve(problem, p, most=40) for p in (point, replace(point, starts=starts))),
-               key=lambda s: s.cost)
-    plants = problem.plants(best.point.values, False)
-    return problem, best.point, [plant.outputs(t, s) for plant, t, s in zip(
-        plants, problem.traces, best.point.starts, strict=True)]
+    # Trace by trace: one that is hard to start must not damp the steps of the others.
+    found = []
+    for i, trace in enumerate(problem.traces):
+        alone = replace(problem, traces=(trace,))
+        tries = [solve(alone, Point(point.values, (s[i],)), most=40) for s in (point.starts, starts)]
+        found.append(min(tries, key=lambda s: s.cost).point.starts[0])
+    point = Point(point.values, tuple(found))
+    plants = problem.plants(point.values, False)
+    return problem, point, [plant.outputs(t, s) for plant, t, s in zip(
+        plants, problem.traces, point.starts, strict=True)]
 
 
 def smoothed_starts(problem: Problem, point: Point, noise: Noise) -> tuple[np.ndarray, ...]:

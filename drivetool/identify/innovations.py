@@ -57,6 +57,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         source = linear if linear is not None and rounds <= 2 else problem
         gains = [f.gains for f in filtered(source, point, noise)]
         solution = _solve(problem, point, gains, noise, rounds)
+        solution = _backed_off(problem, point, solution, noise)
         moved = _distance(problem, point, solution)
         point = solution.point
         settled = rounds >= 2
@@ -81,7 +82,10 @@ def settle(problem: Problem, fit: Fit) -> Fit:
                      gains, relative=1e-11)
     solution = replace(solution, point=_without_state(problem, solution.point, fit.noise))
     passes = filtered(problem, solution.point, fit.noise, keep=False)
-    return replace(fit, solution=solution, passes=tuple(passes), value=minus_log_likelihood(passes))
+    value = minus_log_likelihood(passes)
+    if value > fit.value + WORSE:
+        return fit
+    return replace(fit, solution=solution, passes=tuple(passes), value=value)
 
 
 def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:
@@ -95,6 +99,22 @@ def _without_state(problem: Problem, point: Point, noise: Noise) -> Point:
     if noise.memory is None:
         return point
     return Point(point.values, tuple(s[:-1] for s in point.starts))
+
+
+def _backed_off(problem: Problem, before: Point, solution: Solution, noise: Noise) -> Solution:
+    """The solution, or a point on the way to it, where the likelihood itself does not get worse.
+
+    Across a gap, frozen gains can lead to where new gains would tell another story.
+    """
+    def value(point: Point) -> float:
+        return minus_log_likelihood(filtered(problem, point, noise, keep=False))
+
+    limit, share, point = value(before) + WORSE, 1.0, solution.point
+    while value(point) > limit and share > 0.05:
+        share *= 0.4
+        point = Point(before.values + share * (solution.point.values - before.values), tuple(
+            a + share * (b - a) for a, b in zip(before.starts, solution.point.starts, strict=True)))
+    return solution if share == 1.0 else replace(solution, point=point)
 
 
 def _distance(problem: Problem, before: Point, solution: Solution) -> float:

@@ -63,7 +63,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
     values = np.array([fixed.drive.value(n) for n in free])
-    starts = outcome.solution.point.starts
+    starts = tuple(_shifted(task, name, value, s) for s in outcome.solution.point.starts)
     best = np.inf
     for _ in range(3):
         point = Point(values, starts)
@@ -80,6 +80,18 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
             return min(best, new)
         best = new
     return best
+
+
+def _shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
+    """A start state that leaves a contact closed as far as it was, if a half gap changes."""
+    shaft, _, suffix = name.rpartition(".")
+    old = task.drive.value(name) or 0.0
+    column = len(task.drive.bodies) + task.drive.shafts.index(shaft) if suffix == "half_gap" else -1
+    if column < 0 or abs(start[column]) < old:
+        return start
+    new = start.copy()
+    new[column] += np.sign(start[column]) * (value - old)
+    return new
 
 
 def _crossing(values: np.ndarray, rise: np.ndarray) -> float | None:

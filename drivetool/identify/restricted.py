@@ -14,10 +14,11 @@ from scipy.optimize import minimize_scalar
 
 from drivetool.identify.innovations import Fit, settle
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import Noise, filtered
+from drivetool.identify.noise import Noise, filtered, natural_ratio
 from drivetool.identify.problem import Normal, Point, Problem
 
-REACH = 2.0  # of the search, in units of log ratio
+ROUNDS = 4
+SETTLED = 0.05  # change of the log ratio
 
 
 def restricted(problem: Problem, fit: Fit) -> Fit:
@@ -28,16 +29,24 @@ def restricted(problem: Problem, fit: Fit) -> Fit:
     """
     if fit.noise.memory is not None:
         return fit
+    for _ in range(ROUNDS):
+        before, noise = fit.noise.ratio, _best(problem, fit)
+        fit = settle(problem, replace(fit, noise=noise))
+        if abs(np.log(noise.ratio / before)) < SETTLED:
+            break
+    return fit
 
+
+def _best(problem: Problem, fit: Fit) -> Noise:
+    """The noise at which the restricted likelihood is largest: grid, then golden section."""
     def value(log_ratio: float) -> float:
         return minus_restricted(problem, fit.point, replace(fit.noise, ratio=float(np.exp(log_ratio))))
 
-    middle = np.log(fit.noise.ratio)
-    found = minimize_scalar(value, bounds=(middle - REACH, middle + REACH), method="bounded",
-                            options={"xatol": 0.02, "maxiter": 20})
-    if not found.fun < value(middle):
-        return fit
-    return settle(problem, replace(fit, noise=replace(fit.noise, ratio=float(np.exp(found.x)))))
+    grid = np.log(natural_ratio(problem, fit.point)) + np.log(10.0) * np.linspace(-5.0, 1.0, 13)
+    best = int(np.argmin([value(x) for x in grid]))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(value, bounds=ends, method="bounded", options={"xatol": 0.02, "maxiter": 20})
+    return replace(fit.noise, ratio=float(np.exp(found.x)))
 
 
 def minus_restricted(problem: Problem, point: Point, noise: Noise) -> float:

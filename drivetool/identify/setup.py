@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name)
-                      for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= 10]
+                      for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)

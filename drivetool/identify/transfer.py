@@ -143,13 +143,16 @@ class Form:
 
 def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> Form:
     """The model of a drive of one or two bodies, with the friction the drive knows."""
-    total, parts = drive.values.get("total.viscous"), [drive.value(f"{b}.viscous") for b in drive.bodies]
+    total = drive.values.get("total.viscous")
     ratio = drive.value(f"{drive.shafts[0]}.ratio") if drive.shafts else 1.0
+    parts = [drive.value(f"{body}.viscous") for body in drive.bodies]
     felt = sum(c / r**2 for c, r in zip(parts, (1.0, ratio), strict=False))
     return Form(
-        TWO_MASS if drive.shafts else ONE_BODY, tuple(-1.0 if r == "load_torque" else 1.0 for r in inputs[1:]),
-        angle, ratio, felt if total is None else total, total is None, drive.value("converter.bandwidth"),
-        drive.value("converter.damping"), drive.value("converter.dead_time"))
+        names=TWO_MASS if drive.shafts else ONE_BODY,
+        signs=tuple(-1.0 if role == "load_torque" else 1.0 for role in inputs[1:]),
+        angle=angle, ratio=ratio, viscous=felt if total is None else total, at_motor=total is None,
+        bandwidth=drive.value("converter.bandwidth"), damping=drive.value("converter.damping"),
+        dead_time=drive.value("converter.dead_time"))
 
 
 def to_physical(form: Form, c: Mapping[str, Dual]) -> dict[str, Dual]:
@@ -175,7 +178,10 @@ def to_physical(form: Form, c: Mapping[str, Dual]) -> dict[str, Dual]:
 
 
 def impossible(values: Mapping[str, float]) -> str:
-    """Why coefficients are not those of a two-mass drive, in words; empty if they can be."""
+    """Why coefficients are not those of a drive, in words; empty if they can be."""
+    if "b" in values:
+        return "" if values["b"] > 0.0 else (
+            "the speed does not rise with a lasting torque (b <= 0): the inertia comes out negative")
     if values["b0"] <= 0.0 or values["a1"] <= 0.0:
         return "the speed does not rise with a lasting torque (b0 <= 0): the total inertia comes out negative"
     if values["b2"] <= 0.0:

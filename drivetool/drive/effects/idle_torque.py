@@ -15,7 +15,8 @@ EFFECT = Effect(
     quantities={"idle_torque": Quantity("{T}", "idle torque", (-1e12, 1e12), 1e-2, 0.0)},
     stamp=stamp,
     law="T = T0",
-    needs="a steady speed; the same as an offset of the torque channel, and without a reversal the same as Coulomb friction",
+    needs="a steady speed; an offset of the torque channel is the same, and so is Coulomb friction "
+          "without a reversal",
     source="Tallfors 2005, (2.1)",
     present=("idle_torque",),
     odd=False,

@@ -1,0 +1,159 @@
+"""The contract that every effect keeps, over the whole catalogue."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from drivetool.drive.chain import two_mass
+from drivetool.drive.effects import EFFECTS
+from drivetool.drive.simulate import Trace
+from tests.test_kernel import STEP, plant_of
+
+EACH = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
+OWNER = {"body": "load", "shaft": "shaft", "path": "converter"}
+OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "load_angle")
+EXAMPLES = settings(max_examples=25, deadline=None, derandomize=True)
+LAWS = pytest.mark.parametrize("law", ["inside", "always"])
+
+
+def base(law="inside", **more):
+    """A two-mass drive in which every effect acts but idle torque."""
+    values = {"motor.inertia": 0.6, "load.inertia": 5.2, "motor.viscous": 0.8, "load.viscous": 0.3,
+              "motor.coulomb": 5.0, "load.coulomb": 4.0, "shaft.stiffness": 3300.0, "shaft.damping": 3.1,
+              "shaft.half_gap": 0.01, "converter.bandwidth": 433.0, "converter.damping": 0.69,
+              "converter.dead_time": 1.4 * STEP}
+    return replace(two_mass(), values=values | more, damping_law=law)
+
+
+def run(drive, torque, start=None, free=(), outputs=OUTPUTS):
+    """(n, ny) outputs from a start (motor speed, load speed, twist)."""
+    plant = plant_of(drive, outputs, free)
+    x = np.zeros(plant.system.nx)
+    x[:3] = (0.0, 0.0, 0.0) if start is None else start
+    torque = np.asarray(torque, float)
+    return plant.outputs(Trace(torque[:, None], np.zeros((len(torque), len(outputs))), STEP), x)
+
+
+def reversals(n=600):
+    """Torque levels of both signs."""
+    return np.repeat(np.random.default_rng(5).uniform(-40.0, 40.0, n // 50), 50)
+
+
+@EACH
+def test_says_what_it_is(effect):
+    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", effect.code) and effect.of in OWNER
+    assert effect.law and effect.needs and effect.source and effect.quantities
+    assert set(effect.present) <= set(effect.quantities)
+    for suffix, quantity in effect.quantities.items():
+        assert re.fullmatch(r"[a-z]+(_[a-z]+)*", suffix) and quantity.meaning and quantity.scale > 0.0
+        assert quantity.unit_for("Nm", "rad") is not None and "{" not in quantity.unit_for("A", "m")
+        low, high = quantity.bounds
+        assert low < high and np.isfinite([low, high]).all()
+        # Infinite: what is infinitely fast is absent, and cannot be tried.
+        assert quantity.neutral is None or low <= quantity.neutral <= high or quantity.neutral == np.inf
+        assert suffix not in effect.present or quantity.neutral is not None
+
+
+def test_names_are_not_used_twice():
+    assert len({e.code for e in EFFECTS}) == len(EFFECTS)
+    for of in OWNER:
+        suffixes = [s for e in EFFECTS if e.of == of for s in e.quantities]
+        assert len(suffixes) == len(set(suffixes))
+
+
+@LAWS
+@EACH
+def test_neutral_value_changes_nothing(effect, law):
+    """The neutral value, no value, and the neutral value of a free parameter: the same simulation."""
+    names = [f"{OWNER[effect.of]}.{s}" for s, q in effect.quantities.items() if q.neutral is not None]
+    drive, start = base(law), (0.5, -0.3, 0.012)
+    without = replace(drive, values={k: v for k, v in drive.values.items() if k not in names})
+    neutral = replace(drive, values=drive.values | {n: drive.quantity(n).neutral for n in names})
+    plain = run(without, reversals(), start)
+    np.testing.assert_allclose(run(neutral, reversals(), start), plain, rtol=0.0, atol=1e-12)
+    free = [n for n in names if np.isfinite(drive.quantity(n).neutral)]
+    if free:
+        np.testing.assert_allclose(run(neutral, reversals(), start, free), plain, rtol=0.0, atol=1e-9)
+
+
+@EACH
+def test_an_effect_that_is_present_acts(effect):
+    """A value that differs from the present one changes the simulation."""
+    for suffix in effect.quantities:
+        name = f"{OWNER[effect.of]}.{suffix}"
+        drive = base(**{"load.idle_torque": 3.0})
+        other = replace(drive, values=drive.values | {name: drive.value(name) * 1.5})
+        assert np.abs(run(other, reversals()) - run(drive, reversals())).max() > 1e-6
+
+
+@LAWS
+@EACH
+def test_odd_where_declared(effect, law):
+    """Mirrored input and start give the mirrored output to the last digit, or the effect is not odd."""
+    drive = base(law)
+    if not effect.odd:
+        drive = replace(drive, values=drive.values | {f"load.{s}": 3.0 for s in effect.quantities})
+    start = np.array([0.5, -0.3, 0.012])
+    there, back = run(drive, reversals(), start), run(drive, -reversals(), -start)
+    assert np.array_equal(there, -back) == effect.odd
+
+
+SIZES = st.tuples(*(st.floats(-1.0, 1.0) for _ in range(3)))
+LEVELS = st.floats(0.0, 1.0)
+
+
+def simulated(drive, torque, start):
+    """((n, ny) outputs, (n, 3) speeds and twist)."""
+    plant = plant_of(drive, OUTPUTS[:3])
+    trace = Trace(np.asarray(torque, float)[:, None], np.zeros((len(torque), 3)), STEP)
+    return plant.simulate(trace, np.array([start[0], start[1], 0.05 * start[2]]), keep=True)[:2]
+
+
+def energy(drive, states):
+    """(n,) kinetic and elastic energy [J]."""
+    value, squares = drive.value, states**2
+    wound = np.maximum(np.abs(states[:, 2]) - value("shaft.half_gap"), 0.0)
+    return 0.5 * (value("motor.inertia") * squares[:, 0] + value("load.inertia") * squares[:, 1]
+                  + value("shaft.stiffness") * wound**2)
+
+
+@LAWS
+@pytest.mark.parametrize("suffix", ["viscous", "coulomb", "damping"])
+@EXAMPLES
+@given(start=SIZES, level=LEVELS, half_gap=st.sampled_from([0.0, 0.002, 0.02]))
+def test_friction_never_gives_energy(law, suffix, start, level, half_gap):
+    owner = ["shaft"] if suffix == "damping" else ["motor", "load"]
+    values = {"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0,
+              "shaft.half_gap": half_gap} | {f"{o}.{suffix}": 10.0 * level for o in owner}
+    drive = replace(two_mass(), values=values, damping_law=law)
+    stored = energy(drive, simulated(drive, np.zeros(250), start)[1])
+    assert np.diff(stored).max() <= 1e-11 * (1.0 + stored[0])
+
+
+@EXAMPLES
+@given(start=SIZES, level=st.floats(0.0, 3.0), half_gap=st.sampled_from([1e-4, 0.002, 0.02]))
+def test_a_dead_zone_with_the_damping_inside_never_pulls(start, level, half_gap):
+    """Torque only in the direction in which the contact is pressed, however large the damping."""
+    values = {"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0,
+              "shaft.damping": 10.0**level, "shaft.half_gap": half_gap}
+    torque = 30.0 * np.sign(np.sin(np.arange(400) / 17.0))
+    out, states = simulated(replace(two_mass(), values=values), torque, start)
+    push = 3300.0 * states[:, 2] + 10.0**level * (states[:, 0] - states[:, 1])
+    assume(np.abs(out[:, 2]).max() > 1e-6)
+    assert np.all(out[:, 2] * push >= 0.0)
+    expected = np.sign(push) * np.maximum(np.abs(push) - 3300.0 * half_gap, 0.0)
+    np.testing.assert_allclose(out[:, 2], expected, atol=1e-8)
+
+
+def test_the_damping_that_acts_always_does_pull():
+    """Chapter 6 says so: wound up and yet negative torque."""
+    for law, pulls in (("inside", False), ("always", True)):
+        values = {k: v for k, v in base().values.items() if "converter" not in k}
+        drive = replace(two_mass(), values=values | {"shaft.damping": 60.0}, damping_law=law)
+        out, states = simulated(drive, reversals(), (0.0, 0.0, 0.0))
+        wound = np.where(np.abs(states[:, 2]) > 0.01, np.sign(states[:, 2]), 0.0)
+        assert bool(np.any(out[:, 2] * wound < -1e-3)) == pulls

@@ -1,0 +1,50 @@
+"""Real machines, found through the environment variable DRIVETOOL_RECORDS; absent means skipped."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.logs.build import open_experiment
+from drivetool.logs.channel_map import ChannelMap
+
+FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")
+pytestmark = pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set")
+
+
+def opened(name, **roles):
+    content = {"schema": "drivetool/channel-map/1", "roles": roles}
+    return open_experiment(Path(FOLDER) / name, ChannelMap.from_mapping(content))
+
+
+def test_motor_bench_resonates_where_its_frequency_response_does():
+    bench = opened("motorbench-a.parquet",
+                   motor_torque={"channel": "iq", "unit": "A"},
+                   motor_angle={"channel": "theta_m", "unit": "rad"},
+                   load_angle={"channel": "theta_l", "unit": "rad"}).between(0.0, 4.0)
+    start = two_mass("A", "rad").with_values({
+        "motor.inertia": 2e-3, "load.inertia": 2e-3, "shaft.stiffness": 2e-3 * (2 * np.pi * 50.0) ** 2,
+        "shaft.damping": 0.05})
+    values = greybox([bench], start, Options()).drive.values
+    jm, jl, ks = (values[n] for n in ("motor.inertia", "load.inertia", "shaft.stiffness"))
+    assert np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi == pytest.approx(76.3, abs=0.5)
+    assert np.sqrt(ks / jl) / 2 / np.pi == pytest.approx(54.0, abs=0.5)
+    assert jl / jm == pytest.approx(1.0, abs=0.03)
+
+
+def test_emps_simulates_its_position_within_the_published_kind_of_error():
+    axis = opened("emps.parquet", motor_torque={"channel": "force", "unit": "N"},
+                  motor_angle={"channel": "q", "unit": "m"})
+    start = one_body("N", "m").with_values({"motor.inertia": 80.0})
+    estimate = greybox([axis], start, Options(criterion="simulation", segment=0.0))
+    assert {p.name for p in estimate.parameters if p.status == "fitted"} == {
+        "motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque"}
+    # One free run over the whole record, start position and speed estimated.
+    assert estimate.fit["rmse"] <= 2.7e-3
+    assert estimate.drive.values["motor.inertia"] == pytest.approx(95.1, rel=0.05)

@@ -1,0 +1,108 @@
+"""Recover the truth: simulate with known values, start wrong, compare value and stated uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.identify.backlash import backlash
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.recover import drive_like, gap_record, joint_error, linear_record, reversing_record, truth
+from tests.simulator.machine import machine_by_seed
+
+SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
+
+
+def started(machine, seed, **more):
+    """A drive 15 % off in what is fitted, 10 % in friction."""
+    values = truth(machine)
+    friction = {"total.idle_torque": 0.9 * values["total.idle_torque"],
+                "total.viscous": 1.1 * values["total.viscous"]}
+    return drive_like(machine, SHAPE, 0.15, seed).with_values(friction | more)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """Grey-box fits of gap-free records, by seed."""
+    kept = {}
+
+    def fit(seed):
+        if seed not in kept:
+            machine = machine_by_seed(seed)
+            kept[seed] = greybox([linear_record(machine, seed)], started(machine, seed), Options())
+        return kept[seed]
+
+    return fit
+
+
+@pytest.mark.parametrize("seed", range(20, 32))
+def test_linear_machine_is_recovered_within_its_joint_uncertainty(fitted, seed):
+    machine = machine_by_seed(seed)
+    estimate = fitted(seed)
+    assert {p.name for p in estimate.parameters if p.status == "fitted"} >= set(SHAPE)
+    square, limit = joint_error(estimate, truth(machine))
+    assert square < limit
+
+
+# Loads of a tenth of the motor's inertia, whose shaft torque hovers about zero: the filter's linear
+# picture of the contact is too coarse there, and the likelihood prefers a wrong gap.
+LIGHT = pytest.mark.xfail(reason="extended Kalman filter across grazing contacts of a light load", strict=True)
+
+
+@pytest.mark.parametrize("seed", [
+    20, 21, 22, 23, 24, pytest.param(25, marks=LIGHT), 26, 27, 28, pytest.param(31, marks=LIGHT)])
+def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
+    machine = machine_by_seed(seed, gap=0.2)
+    record, run = gap_record(machine, seed)
+    sides = run.contact[:, 0]
+    sides = sides[sides != 0]
+    crossed = int(np.sum(sides[1:] != sides[:-1]))
+    linear = fitted(seed)
+    estimate = backlash([record], linear.drive, Options(known=linear.covariance))
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    if crossed < 2:
+        assert {f.code for f in estimate.findings} & {"gap-not-opened", "gap-not-crossed"}
+        return
+    true = machine.half_gap[0]
+    assert line.status == "fitted"
+    assert abs(line.value - true) < max(0.05 * true, 3.0 * line.std)
+    assert abs(line.value - true) < 4.0 * line.std
+
+
+@pytest.mark.parametrize("seed", [1, 40])
+def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
+    machine = machine_by_seed(seed, gap=0.3, friction=True)
+    machine = replace(machine, coulomb=(sum(machine.coulomb), 0.0), viscous=(sum(machine.viscous), 0.0))
+    record, _ = reversing_record(machine, seed)
+    values = truth(machine)
+    drive = drive_like(machine, SHAPE, 0.05, seed).with_values({
+        "motor.viscous": 1.1 * values["motor.viscous"], "load.idle_torque": 0.95 * values["load.idle_torque"],
+        "motor.coulomb": 0.9 * values["motor.coulomb"]})
+    free = (*SHAPE, "motor.viscous", "load.idle_torque", "motor.coulomb")
+    estimate = backlash([record], drive, Options(free=free))
+    square, limit = joint_error(estimate, values)
+    assert square < limit
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    assert abs(line.value - machine.half_gap[0]) < max(0.05 * machine.half_gap[0], 3.0 * line.std)
+
+
+def test_preloaded_record_says_that_the_gap_was_not_opened(fitted):
+    machine = machine_by_seed(20, gap=0.2)
+    linear = replace(machine, half_gap=(0.0,))
+    estimate = backlash([linear_record(linear, 20)], fitted(20).drive, Options())
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    assert line.status == "not-identifiable" and line.std is None and line.reason
+    assert "gap-not-opened" in {f.code for f in estimate.findings}
+
+
+def test_a_record_without_gap_gives_an_upper_limit(fitted):
+    machine = machine_by_seed(20, gap=0.0)
+    record, _ = gap_record(machine, 20)
+    estimate = backlash([record], fitted(20).drive, Options())
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    assert line.ci95[0] == 0.0
+    assert line.ci95[1] < 0.05 * machine.rated_torque / machine.stiffness[0]
+    assert "half-gap-not-distinguishable" in {f.code for f in estimate.findings}
