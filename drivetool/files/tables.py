@@ -78,7 +78,8 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
                   title=Text(f"checked on {checks[0].output}"), title_justify="left")
     table.add_column("model", overflow="fold")
-    table.add_column("record", overflow="fold")
+    stems = [len(_stem(check.file)) for check in checks]
+    table.add_column("record", overflow="fold", min_width=min(14, max(stems)))
     for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
                   "lags out %"):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
@@ -113,7 +114,7 @@ def fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
     for key, value in fit.items():
         label = _LABELS.get(key, key.removesuffix("_percent").replace("_", " "))
         text = value if isinstance(value, str) else short(value, 6)
-        lines.append(f"{label:<24}{text}{' %' if key.endswith('_percent') and value is not None else ''}")
+        lines.append(f"{label:<26}{text}{' %' if key.endswith('_percent') and value is not None else ''}")
     return lines
 
 

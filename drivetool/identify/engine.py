@@ -91,17 +91,19 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome
             fits.append(fit_innovations(problem, point, linear=_same_values(linear, problem),
                                         most=SCREEN if several else 8))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
-    if several:  # the hopeless are not worth polishing
-        order = sorted(range(len(fits)), key=lambda i: fits[i].value)
-        for i in order[:2]:
-            if not fits[i].converged:
-                fits[i] = fit_innovations(problem, fits[i].point, fits[i].noise)
-    best = min(fits, key=lambda f: f.value)
-    best = settle(problem, best)
+    best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     for entry, fit in zip(tried, fits, strict=True):
         entry["minus_log_likelihood_above_best"] = float(max(fit.value - best.value, 0.0))
         entry["reached"] = {n: float(v) for n, v in zip(task.free, fit.point.values, strict=True)}
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+
+
+def _polished(problem: Problem, fits: Sequence[Fit]) -> Fit:
+    """The best fit after the best two went on to the end; the others are not worth it."""
+    ends = []
+    for fit in sorted(fits, key=lambda f: f.value)[:2]:
+        ends.append(fit if fit.converged else fit_innovations(problem, fit.point, fit.noise))
+    return min(ends, key=lambda f: f.value)
 
 
 def _ways(task: Task) -> tuple[str, ...]:

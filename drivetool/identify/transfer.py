@@ -136,7 +136,7 @@ class Form:
         ns = -(-(jet - 1 + nx + 1) // PAD) * PAD if gradient else nx
         return Plant(System(
             rows, mass, np.zeros((0, nx, jet)), np.zeros((0, jet)), none.reshape(0, 2),
-            np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs, np.full(1, -1, np.int64),
+            np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs, np.full(1, -1, np.int64), np.full(1, -1, np.int64),
             np.array([part, h - part]) if self.dead_time else np.array([h]), np.zeros(jet - 1), keep,
             nx, nz - nx - 1, jet - 1, 0, 0, 1, ns), whole)
 
