@@ -67,7 +67,8 @@ def differences(case, column, plant):
             size = relative * max(abs(values[names[column]]), 1e-2)
             pair = [case.outputs_at({names[column]: values[names[column]] + s}) for s in (size, -size)]
         else:
-            size = relative * (1e-2 if "twist" in state_names(case)[column - plant.system.nq] else 1.0)
+            kind = state_names(case)[column - plant.system.nq].rpartition(".")[2]
+            size = relative * {"twist": 1e-2, "rate": 1e3}.get(kind, 1.0)
             shift = np.eye(plant.system.nx)[column - plant.system.nq] * size
             pair = [case.outputs_at({}, s) for s in (shift, -shift)]
         found.append((pair[0] - pair[1]) / (2.0 * size))

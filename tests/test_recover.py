@@ -67,13 +67,13 @@ def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
         assert {f.code for f in estimate.findings} & {"gap-not-opened", "gap-not-crossed"}
         return
     true = machine.half_gap[0]
-    assert line.status == "fitted"
+    assert line.status == "fitted" and line.std is not None
     assert abs(line.value - true) < max(0.05 * true, 3.0 * line.std)
     assert abs(line.value - true) < 4.0 * line.std
 
 
-@pytest.mark.parametrize("seed", [1, 40])
-def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
+def reversing_fit(seed):
+    """(estimate, machine) of everything at once, from a reversing record, started 5 to 10 % off."""
     machine = machine_by_seed(seed, gap=0.3, friction=True)
     machine = replace(machine, coulomb=(sum(machine.coulomb), 0.0), viscous=(sum(machine.viscous), 0.0))
     record, _ = reversing_record(machine, seed)
@@ -82,11 +82,27 @@ def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
         "motor.viscous": 1.1 * values["motor.viscous"], "load.idle_torque": 0.95 * values["load.idle_torque"],
         "motor.coulomb": 0.9 * values["motor.coulomb"]})
     free = (*SHAPE, "motor.viscous", "load.idle_torque", "motor.coulomb")
-    estimate = backlash([record], drive, Options(free=free))
-    square, limit = joint_error(estimate, values)
+    return backlash([record], drive, Options(free=free)), machine
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
+    estimate, machine = reversing_fit(seed)
+    square, limit = joint_error(estimate, truth(machine))
     assert square < limit
     line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
     assert abs(line.value - machine.half_gap[0]) < max(0.05 * machine.half_gap[0], 3.0 * line.std)
+
+
+def test_a_fit_that_does_not_settle_states_no_interval():
+    # A stiff drive that rattles: two hundred contacts in ten seconds.
+    estimate, machine = reversing_fit(40)
+    if "not-settled" in {f.code for f in estimate.findings}:
+        assert estimate.covariance is None
+        assert all(p.std is None and p.ci95 is None for p in estimate.parameters)
+        return
+    square, limit = joint_error(estimate, truth(machine))
+    assert square < limit
 
 
 def test_preloaded_record_says_that_the_gap_was_not_opened(fitted):

@@ -110,11 +110,13 @@ def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
 
 def fit_lines(fit: Mapping[str, float | int | str | None]) -> list[str]:
     """The fit figures, simulation and one-step named as such."""
+    labels = {key: _LABELS.get(key, key.removesuffix("_percent").replace("_", " ")) for key in fit}
+    width = max((len(label) for label in labels.values()), default=0) + 2
     lines = []
     for key, value in fit.items():
-        label = _LABELS.get(key, key.removesuffix("_percent").replace("_", " "))
         text = value if isinstance(value, str) else short(value, 6)
-        lines.append(f"{label:<26}{text}{' %' if key.endswith('_percent') and value is not None else ''}")
+        lines.append(f"{labels[key]:<{width}}{text}"
+                     f"{' %' if key.endswith('_percent') and value is not None else ''}")
     return lines
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.compose import compose
+from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, coloured, fit_task
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
@@ -28,6 +28,7 @@ from drivetool.logs.experiment import Experiment
 # Half gaps to look at, over the twist that the torque of the record makes.
 SCAN = np.geomspace(0.01, 30.0, 160)
 VALLEYS = 3
+SPREAD = [0.5, 2.0]
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -58,7 +59,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         return _not_crossed(task, drive, shut, closed, options)
     outcome = fit_task(task, options, _starts(task, gaps, options))
     outcome = coloured(split_totals(outcome, options))
-    profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None and _wide(outcome, g)}
+    profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
+                and not unsettled(outcome) and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
                        known=options.known)
     for name, found in profiles.items():
@@ -90,7 +92,10 @@ def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str,
     values = np.array([look(share, noise)[0] for share in SCAN])
     lowest = valleys(values)[: 3 * VALLEYS]
     lowest = sorted(lowest, key=lambda i: look(SCAN[i], None)[0])[: options.starts or VALLEYS]
-    return starts + [{g: float(SCAN[i]) * twist[g] for g in gaps} for i in lowest]
+    shares = [float(SCAN[i]) for i in lowest]
+    if len(task.free) > len(gaps):  # the valleys lie elsewhere once the others move
+        shares += SPREAD
+    return starts + [{g: share * twist[g] for g in gaps} for share in shares]
 
 
 def valleys(values: np.ndarray) -> list[int]:

@@ -24,7 +24,6 @@ from drivetool.identify.innovations import fit_innovations, settle
 from drivetool.identify.least_squares import solve
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.restricted import restricted
 from drivetool.identify.setup import Roles, roles_of, traces_of
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
 from drivetool.logs.experiment import Experiment
@@ -152,7 +151,7 @@ def _fit_from(task: Task, form: Form, options: Options, values: Sequence[np.ndar
                    "minus_log_likelihood_above_best": float(misfit(o) - misfit(best))}
                   for v, o in zip(values, found, strict=True))
     if best.fit is not None:
-        fit = restricted(best.problem, settle(best.problem, best.fit))
+        fit = settle(best.problem, best.fit)
         best = replace(best, solution=fit.solution, fit=fit)
     return replace(best, starts=tried)
 

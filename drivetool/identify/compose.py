@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
@@ -42,6 +42,8 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     extra, held = _from_held(outcome, known)
     extra = _plus(extra, _from_sharing(outcome))
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
+    if unsettled(outcome):
+        lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
     _, _, runs = free_run(task.at_point(solution.point))
     traces = task.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
@@ -60,6 +62,25 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         _exhibits(outcome, traces, runs))
+
+
+def unsettled(outcome: Outcome) -> bool:
+    """Whether the last round of the fit still moved a parameter by more than its own std."""
+    return outcome.fit is not None and bool(outcome.task.free) and outcome.fit.moved > 1.0
+
+
+def without_intervals(lines: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """The lines with no interval on what was fitted."""
+    return tuple(replace(p, std=None, ci95=None, reason="the fit did not settle")
+                 if p.status in ("fitted", "at-bound") else p for p in lines)
+
+
+def _not_settled(outcome: Outcome) -> Finding:
+    return Finding(
+        "warning", "not-settled",
+        f"The fit was still moving by {outcome.fit.moved:.2g} standard deviations a round when it was stopped, so "
+        "no intervals are given.", {"moved": float(outcome.fit.moved), "rounds": outcome.fit.rounds},
+        "Start nearer with --set, hold what is known with --hold, or use a livelier or a gap-free record.")
 
 
 def _from_held(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray | None, list[Finding]]:
@@ -130,7 +151,7 @@ def _sentence(outcome: Outcome) -> str:
     """How the fit ended, in one sentence."""
     n = len(outcome.starts)
     if outcome.fit is not None:
-        ended = "settled" if outcome.converged else "did not settle; give other start values with --set"
+        ended = "settled" if outcome.converged else "did not quite settle"
         return f"The innovations fit {ended} after {outcome.fit.rounds} rounds; best of {n} start(s)."
     ended = "converged" if outcome.converged else "did not converge; give other start values with --set"
     return f"The simulation-error fit {ended} after {outcome.solution.iterations} iterations; best of {n} start(s)."

@@ -24,13 +24,18 @@ WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves t
 
 @dataclass(frozen=True)
 class Fit:
-    """A converged fit: solution, noise model, -log likelihood, last Kalman pass, rounds."""
+    """Where a fit ended.
+
+    value   -log likelihood; passes: the last Kalman pass per trace
+    moved   how far the last round moved a parameter, in standard deviations
+    """
 
     solution: Solution
     noise: Noise
     value: float
     passes: tuple[Filtered, ...]
     rounds: int
+    moved: float
     converged: bool
 
     @property
@@ -52,13 +57,13 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
     if noise is None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     best: Fit | None = None
-    rounds = 0
+    rounds, moved = 0, np.inf
     for rounds in range(1, most + 1):
         source = linear if linear is not None and rounds <= 2 else problem
         gains = [f.gains for f in filtered(source, point, noise)]
         solution = _solve(problem, point, gains, noise, rounds)
-        solution = _backed_off(problem, point, solution, noise)
         moved = _distance(problem, point, solution)
+        solution = _backed_off(problem, point, solution, noise)
         point = solution.point
         settled = rounds >= 2
         around = None if rounds == 2 and noise.memory is None else noise.ratio
@@ -69,10 +74,10 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
         if best is None or value < best.value + WORSE:
-            best = Fit(solution, noise, value, tuple(passes), rounds, False)
+            best = Fit(solution, noise, value, tuple(passes), rounds, moved, False)
         if moved < 0.05 and change < 0.05 and rounds >= 3 and source is problem:
-            return replace(best, rounds=rounds, converged=True)
-    return replace(best, rounds=rounds)
+            return replace(best, rounds=rounds, moved=moved, converged=True)
+    return replace(best, rounds=rounds, moved=moved)
 
 
 def settle(problem: Problem, fit: Fit) -> Fit:

@@ -129,14 +129,16 @@ class Form:
         part = max(self.dead_time - whole * h, 0.0)
         mass, outputs, keep = np.zeros((nx, jet)), np.zeros((1, nx, jet)), np.ones(nx)
         mass[:, 0] = 1.0
-        outputs[0, self.order if self.angle else 0, 0] = 1.0
+        shown = self.order if self.angle else 0
+        outputs[0, shown, 0] = 1.0
         if memory is not None:
             keep[-1] = memory
         none = np.zeros(0, np.int64)
         ns = -(-(jet - 1 + nx + 1) // PAD) * PAD if gradient else nx
         return Plant(System(
             rows, mass, np.zeros((0, nx, jet)), np.zeros((0, jet)), none.reshape(0, 2),
-            np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs, np.full(1, -1, np.int64), np.full(1, -1, np.int64),
+            np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs,
+            np.full(1, -1, np.int64), np.full(1, shown, np.int64),
             np.array([part, h - part]) if self.dead_time else np.array([h]), np.zeros(jet - 1), keep,
             nx, nz - nx - 1, jet - 1, 0, 0, 1, ns), whole)
 
