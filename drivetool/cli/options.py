@@ -35,7 +35,8 @@ DriveName = Annotated[str | None, _option(
 Hold = Annotated[list[str] | None, _option(
     "--hold", metavar="NAME", help="Keep this parameter at its value; repeatable.")]
 Free = Annotated[list[str] | None, _option(
-    "--free", metavar="NAME", help="Fit this parameter although it would be held; repeatable; 'all': all that a grey-box fit frees.")]
+    "--free", metavar="NAME", help="Fit this parameter although it would be held; repeatable. "
+    "'all': whatever a grey-box fit frees.")]
 Set = Annotated[list[str] | None, _option(
     "--set", metavar="NAME=VALUE", help="Start value, with unit if not the drive's own: "
     "'shaft.half_gap=2 mrad'; repeatable.")]

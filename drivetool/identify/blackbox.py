@@ -161,7 +161,8 @@ def _polished(task: Task, form: Form, options: Options, values: np.ndarray) -> O
     simulation = options.criterion == "simulation"
     problem = problem_of(task, form, values, (options.segment or 0.0) if simulation else 0.0)
     still = fixed(problem, values)
-    states = solve(still, Point(np.empty(0), _states(problem, form)), most=10).point.starts
+    rest = tuple(form.rest(t) for t in problem.traces)
+    states = solve(still, Point(np.empty(0), rest), most=10).point.starts
     point = Point(values, states)
     if simulation:
         solution = solve(problem, point, relative=1e-10, most=100)
@@ -188,10 +189,3 @@ def problem_of(task: Task, form: Form, values: np.ndarray, segment: float = 0.0)
     low, high, size = (np.array([known.get(n, other) for n in form.names])
                        for known, other in ((lows, -np.inf), (highs, np.inf), (sizes, 0.0)))
     return Problem(form.build, form.names, low, high, size, traces, np.arange(form.states), np.ones(1))
-
-
-def _states(problem: Problem, form: Form) -> tuple[np.ndarray, ...]:
-    """Start states before anything is known: zero, a converter at the first torque."""
-    lag = int(np.isfinite(form.bandwidth))
-    return tuple(np.concatenate([np.zeros(form.states), lag * [t.inputs[0, 0], 0.0]])
-                 for t in problem.traces)

@@ -13,8 +13,8 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
-from drivetool.identify.blackbox_findings import converted_run, findings_of, lacking, pictures
-from drivetool.identify.compose import _exhibits, _noise, _one_step, _sentence, fit_percent
+from drivetool.identify.blackbox_findings import bode, converted_run, findings_of, lacking
+from drivetool.identify.compose import fit_percent, how_it_ended, noise_figures, one_step_percent, record_exhibits
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.greybox import reverses
@@ -89,22 +89,22 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
     after = drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)
                                and p.name in physical.names.values()})
     traces = traces_of(task.experiments, task.roles)
-    runs = simulated(outcome)
+    runs = simulated(form, outcome)
     y, s = (np.concatenate([a[:, 0] for a in arrays]) for arrays in ([t.outputs for t in traces], runs))
     run = None if lack else converted_run(replace(task, drive=after))
     figures = {
-        "simulation_fit_percent": fit_percent(y, s), "one_step_fit_percent": _one_step(outcome, y),
+        "simulation_fit_percent": fit_percent(y, s), "one_step_fit_percent": one_step_percent(outcome, y),
         "rmse": float(np.sqrt(np.nanmean((y - s) ** 2))), "n": int(np.isfinite(y).sum()),
         **({"converted_simulation_fit_percent": fit_percent(y, run)} if run is not None else {})}
     figured = details(form, c, numbers, sure)
-    noise, more = _noise(outcome)
+    noise, more = noise_figures(outcome)
     own = findings_of(replace(task, drive=after), lines, lack, figured, traces, runs)
     return Estimate(
-        "blackbox", after, lines, _sentence(outcome), figures, _covariance(physical, lines, numbers, sure),
+        "blackbox", after, lines, how_it_ended(outcome), figures, _covariance(physical, lines, numbers, sure),
         noise, {**figured, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
                 "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
         (*own, *more), tuple((e.name, e.sha256) for e in task.experiments), {},
-        (*_exhibits(outcome, traces, runs), pictures(form, outcome, drive)))
+        (*record_exhibits(outcome, traces, runs), bode(form, outcome, drive)))
 
 
 def uncertain(physical: Physical, outcome: Outcome) -> Uncertain:
@@ -238,7 +238,7 @@ def details(form: Form, c: Mapping[str, Dual], numbers: Mapping[str, Dual],
         found["resonance"] = {"rad_s": sure.figure(resonance), "hz": sure.figure(resonance / (2.0 * np.pi)),
                               "damping_ratio": sure.figure(damping)}
         roots = sorted(np.roots([1.0, c["a2"].v, c["a1"].v]), key=lambda r: (r.real, r.imag))
-        found["poles_rad_s"] = [[-form.pole(c).v, 0.0], *([float(r.real), float(r.imag)] for r in roots)]
+        found["poles_rad_s"] = [[0.0 - form.pole(c).v, 0.0], *([float(r.real), float(r.imag)] for r in roots)]
     if c["b2"].v * c["b0"].v > 0.0:
         notch, damping = _oscillation(c["b1"] / c["b2"], c["b0"] / c["b2"])
         found["anti_resonance"] = {"rad_s": sure.figure(notch), "hz": sure.figure(notch / (2.0 * np.pi)),
@@ -260,12 +260,11 @@ def _oscillation(linear: Dual, constant: Dual) -> tuple[Dual, Dual]:
     return frequency, linear / (2.0 * frequency)
 
 
-def simulated(outcome: Outcome) -> list[np.ndarray]:
+def simulated(form: Form, outcome: Outcome) -> list[np.ndarray]:
     """Free runs of the fitted transfer function, only the start states fitted to them."""
-    task, values, starts = outcome.task, outcome.solution.point.values, outcome.solution.point.starts
+    task, values = outcome.task, outcome.solution.point.values
     problem = replace(fixed(outcome.problem, values), traces=traces_of(task.experiments, task.roles))
-    if len(starts) != len(problem.traces):
-        starts = tuple(np.zeros_like(starts[0]) for _ in problem.traces)
+    starts = tuple(form.rest(t) for t in problem.traces)
     found = solve(problem, Point(np.empty(0), starts), most=20).point.starts
     plants = problem.plants(values, False)
     return [p.outputs(t, s) for p, t, s in zip(plants, problem.traces, found, strict=True)]

@@ -50,18 +50,18 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     simulated = np.concatenate([r[:, 0] for r in runs])
     figures = {
         "simulation_fit_percent": fit_percent(y, simulated),
-        "one_step_fit_percent": _one_step(outcome, y),
+        "one_step_fit_percent": one_step_percent(outcome, y),
         "rmse": float(np.sqrt(np.nanmean((y - simulated) ** 2))),
         "n": int(np.isfinite(y).sum()),
         **(fit or {}),
     }
-    noise, noise_findings = _noise(outcome)
+    noise, noise_findings = noise_figures(outcome)
     return Estimate(
-        step, after, lines, _sentence(outcome), figures, covariance, noise,
+        step, after, lines, how_it_ended(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
-        _exhibits(outcome, traces, runs))
+        record_exhibits(outcome, traces, runs))
 
 
 def unsettled(outcome: Outcome) -> bool:
@@ -139,7 +139,7 @@ def _from_sharing(outcome: Outcome) -> np.ndarray | None:
     return np.outer(shift, shift) * whole**2 / 12.0
 
 
-def _one_step(outcome: Outcome, y: np.ndarray) -> float | None:
+def one_step_percent(outcome: Outcome, y: np.ndarray) -> float | None:
     if outcome.fit is None:
         return None
     predicted = np.concatenate([t.outputs[:, 0] - f.innovations[:, 0] for t, f in zip(
@@ -147,7 +147,7 @@ def _one_step(outcome: Outcome, y: np.ndarray) -> float | None:
     return fit_percent(y, predicted)
 
 
-def _sentence(outcome: Outcome) -> str:
+def how_it_ended(outcome: Outcome) -> str:
     """How the fit ended, in one sentence."""
     n = len(outcome.starts)
     if outcome.fit is not None:
@@ -157,7 +157,7 @@ def _sentence(outcome: Outcome) -> str:
     return f"The simulation-error fit {ended} after {outcome.solution.iterations} iterations; best of {n} start(s)."
 
 
-def _noise(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
+def noise_figures(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     """Noise figures in SI, and what they mean."""
     problem, solution, task = outcome.problem, outcome.solution, outcome.task
     sigma = float(np.sqrt(solution.cost / max(problem.count - problem.unknowns, 1)))
@@ -192,7 +192,7 @@ def _noise(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     return noise, findings
 
 
-def _exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:
+def record_exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:
     task = outcome.task
     unit = _unit(task.roles.outputs[0], task.experiments[0])
     label = task.roles.outputs[0].replace("_", " ")

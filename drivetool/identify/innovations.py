@@ -18,7 +18,6 @@ from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
 
-
 WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
 
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from drivetool.drive.simulate import Filtered
 from drivetool.identify.problem import Normal, Point, Problem
 
-
+FAR = 1e30  # likelihood of what cannot be; finite, since the simplex subtracts
 ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
 
 
@@ -139,12 +139,13 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
 
     def value(logs: np.ndarray) -> float:
         if abs(logs[0] - middle) > 18.0 or (len(logs) > 1 and abs(logs[1]) > 16.0):
-            return np.inf
+            return FAR
         memory = None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1])))
         trial = replace(noise, ratio=float(np.exp(logs[0])), memory=memory)
-        if settled:
-            return restricted(problem, point, trial)
-        return minus_log_likelihood(filtered(problem, point, trial, keep=False))
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = (restricted(problem, point, trial) if settled
+                     else minus_log_likelihood(filtered(problem, point, trial, keep=False)))
+        return found if np.isfinite(found) else FAR
 
     if noise.memory is not None:
         reach = 0.7 if around is None else 0.2

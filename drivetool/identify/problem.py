@@ -105,7 +105,8 @@ class Problem:
             r = plant.outputs(t, point.starts[i], g) - t.outputs
             r *= g.weight if g else 1.0 / self.scale
             r = r[np.isfinite(t.outputs)]
-            total += float(r @ r)
+            with np.errstate(over="ignore", invalid="ignore"):  # a trial may make the observer unstable
+                total += float(r @ r)
         return total if np.isfinite(total) else np.inf
 
     def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:

@@ -95,6 +95,11 @@ class Form:
         top = np.polyval([d.v for d in self.numerators(c)[0]], s)
         return top / np.polyval([1.0] + [d.v for d in self.denominator(c)], s)
 
+    def rest(self, trace: Trace) -> np.ndarray:
+        """Start state before anything is known: zero, a converter at the first torque."""
+        lag = [trace.inputs[0, 0], 0.0] if np.isfinite(self.bandwidth) else []
+        return np.concatenate([np.zeros(self.states), lag])
+
     def build(self, values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
         """The model ready to run, in observer form: the first state is the speed."""
         lag, m = np.isfinite(self.bandwidth), self.order
