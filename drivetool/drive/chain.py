@@ -105,7 +105,7 @@ class Drive:
         if lacking:
             raise BadParameters(
                 f"values of {', '.join(lacking)} for {why}",
-                f"only {', '.join(self.values) or 'no values'}",
+                f"only {', '.join(self.values)}" if self.values else "none",
                 "Run the step before this one and pass its file with --params, or use --set.")
 
 

@@ -17,6 +17,10 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.setup import problem_of
 
+STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
+
+CONFIRMED = 5.0  # log likelihood within which a second start must come
+
 
 def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
     """100 (1 - |y - y^| / |y - mean y|) over the samples that both have."""
@@ -65,8 +69,11 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
 
 
 def unsettled(outcome: Outcome) -> bool:
-    """Whether the last round of the fit still moved a parameter by more than its own std."""
-    return outcome.fit is not None and bool(outcome.task.free) and outcome.fit.moved > 1.0
+    """Whether the fit was still finding better values when stopped, or no other start confirms it."""
+    if outcome.fit is None or not outcome.task.free or outcome.fit.converged:
+        return False
+    others = sorted(s["minus_log_likelihood_above_best"] for s in outcome.starts)
+    return outcome.fit.gain > STILL or (len(others) > 1 and others[1] > CONFIRMED)
 
 
 def without_intervals(lines: Sequence[Parameter]) -> tuple[Parameter, ...]:
@@ -78,8 +85,9 @@ def without_intervals(lines: Sequence[Parameter]) -> tuple[Parameter, ...]:
 def _not_settled(outcome: Outcome) -> Finding:
     return Finding(
         "warning", "not-settled",
-        f"The fit was still moving by {outcome.fit.moved:.2g} standard deviations a round when it was stopped, so "
-        "no intervals are given.", {"moved": float(outcome.fit.moved), "rounds": outcome.fit.rounds},
+        "The fit did not settle: it was still finding better values when it was stopped, or no second start "
+        "ended at the same ones. No intervals are given.",
+        {"log_likelihood_gain": float(outcome.fit.gain), "rounds": outcome.fit.rounds},
         "Start nearer with --set, hold what is known with --hold, or use a livelier or a gap-free record.")
 
 

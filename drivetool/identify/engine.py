@@ -89,7 +89,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome
             linear = None if way == "direct" else problem_of(
                 _linear(start.drive), (), task.roles, problem.traces)
             fits.append(fit_innovations(problem, point, linear=_same_values(linear, problem),
-                                        most=SCREEN if several else 8))
+                                        most=SCREEN if several else 12))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     for entry, fit in zip(tried, fits, strict=True):

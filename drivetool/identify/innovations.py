@@ -14,11 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.simulate import Filtered, Gains
-from drivetool.identify.least_squares import Solution, solve
+from drivetool.identify.least_squares import Solution, schur, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
 
 WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
+
+
+# Later rounds take few steps: across a gap the frozen-gain cost has other valleys to run off to.
+FEW = 4
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Fit:
     """Where a fit ended.
 
     value   -log likelihood; passes: the last Kalman pass per trace
-    moved   how far the last round moved a parameter, in standard deviations
+    gain    by how much the last three rounds lowered the value; a settled fit has stopped doing so
     """
 
     solution: Solution
@@ -34,7 +38,7 @@ class Fit:
     value: float
     passes: tuple[Filtered, ...]
     rounds: int
-    moved: float
+    gain: float
     converged: bool
 
     @property
@@ -44,7 +48,7 @@ class Fit:
 
 
 def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, *,
-                    linear: Problem | None = None, most: int = 8) -> Fit:
+                    linear: Problem | None = None, most: int = 12) -> Fit:
     """Fit from a point.
 
     noise    first guess; None: estimated at the start point, where a large ratio found for a bad
@@ -56,7 +60,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
     if noise is None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     best: Fit | None = None
-    rounds, moved = 0, np.inf
+    rounds, lowest = 0, []
     for rounds in range(1, most + 1):
         source = linear if linear is not None and rounds <= 2 else problem
         gains = [f.gains for f in filtered(source, point, noise)]
@@ -72,11 +76,13 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
+        lowest.append(min(value, lowest[-1]) if lowest else value)
         if best is None or value < best.value + WORSE:
-            best = Fit(solution, noise, value, tuple(passes), rounds, moved, False)
+            best = Fit(solution, noise, value, tuple(passes), rounds, 0.0, False)
         if moved < 0.05 and change < 0.05 and rounds >= 3 and source is problem:
-            return replace(best, rounds=rounds, moved=moved, converged=True)
-    return replace(best, rounds=rounds, moved=moved)
+            return replace(best, rounds=rounds, converged=True)
+    gain = lowest[-4] - lowest[-1] if len(lowest) > 3 else np.inf
+    return replace(best, rounds=rounds, gain=float(gain))
 
 
 def settle(problem: Problem, fit: Fit) -> Fit:
@@ -95,7 +101,8 @@ def settle(problem: Problem, fit: Fit) -> Fit:
 def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:
     tolerance = 1e-5 if rounds == 1 else 1e-7  # `settle` does the last digits
     solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains,
-                     relative=tolerance, hold=problem.later if rounds == 1 else None)
+                     relative=tolerance, hold=problem.later if rounds == 1 else None,
+                     most=60 if rounds <= 2 else FEW)
     return replace(solution, point=_without_state(problem, solution.point, noise))
 
 
@@ -122,11 +129,15 @@ def _backed_off(problem: Problem, before: Point, solution: Solution, noise: Nois
 
 
 def _distance(problem: Problem, before: Point, solution: Solution) -> float:
-    """How far the parameters moved, in standard deviations of the fit."""
-    information = np.maximum(np.diag(solution.normal.shared), 1e-300)
-    scale = np.sqrt(solution.cost / max(problem.count - problem.unknowns, 1))
-    return float(np.max(np.abs(solution.point.values - before.values) * np.sqrt(information) / scale,
-                        initial=0.0))
+    """The furthest any parameter moved, in its standard deviations."""
+    if not len(before.values):
+        return 0.0
+    matrix, _, _ = schur(solution.normal)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
+    inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)
+    std = np.sqrt(variance * np.maximum(np.diag(inverse), 1e-300)) / size
+    return float(np.max(np.abs(solution.point.values - before.values) / std))
 
 
 def _sensor_scales(problem: Problem, point: Point, noise: Noise) -> Noise:

@@ -14,6 +14,9 @@ from drivetool.identify.problem import Normal, Problem
 
 # Variance inflation by the other parameters above which a direction counts as not told.
 COLLINEAR = 1e4
+# Standard deviations beyond its bound at which the likelihood would have its peak: less than this
+# and the bound says nothing about the parameter.
+WEAK = 2.0
 Z95 = 1.959963984540054
 
 
@@ -22,11 +25,12 @@ def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.
 
     inflation  variance over the variance if all other parameters were known; infinite where the
                record says nothing
-    free       whether a parameter is off its bound; the others have no covariance
+    free       whether a parameter is off its bound, or so weakly pressed against it that the
+               others are not to be judged as if it were known; the rest has no covariance
     """
     normal = solution.normal
     matrix, _, _ = schur(normal)
-    free = ~blocked(problem, solution.point, normal)
+    free = ~blocked(problem, solution.point, normal) | (_push(problem, solution) < WEAK)
     k = len(free)
     covariance, inflation = np.full((k, k), np.nan), np.full(k, np.inf)
     own = np.diag(normal.shared)
@@ -68,23 +72,25 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     if extra is not None:
         covariance = covariance + extra
     lines, findings = {}, []
+    on_bound = blocked(problem, solution.point, solution.normal)
     for j, name in enumerate(problem.names):
         value = float(solution.point.values[j])
         std = float(np.sqrt(covariance[j, j])) if np.isfinite(covariance[j, j]) else None
         low, high = problem.low[j], problem.high[j]
         common = (name, value, after.unit(name), before.value(name))
-        if not free[j]:
+        known = std is not None and told(value, std, inflation[j], before, name)
+        if not free[j] or (on_bound[j] and known):
             upper = _beyond_bound(problem, solution, j)
             limit = (float(low), float(min(low + upper, high))) if value <= low else (
                 float(max(high - upper, low)), float(high))
             lines[name] = Parameter(*common, None, limit, "at-bound",
                                     f"the best value lies on the bound {value:g}; the interval is one-sided")
-        elif std is None or not told(value, std, inflation[j], before, name):
+        elif not known:
             partners = partners_of(covariance, problem.names, j)
             reason = why_not(name, partners, after)
             lines[name] = Parameter(*common, None, None, "not-identifiable", reason)
             findings.append(Finding(
-                "warning", "not-identifiable", f"{name} cannot be told from this record: {reason}",
+                "warning", "not-identifiable", f"{name} cannot be told from this record: {reason}.",
                 {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after)))
         else:
             ci = (max(value - Z95 * std, float(low)), min(value + Z95 * std, float(high)))
@@ -99,14 +105,21 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     return tuple(lines[n] for n in order), shared, tuple(findings)
 
 
-def _beyond_bound(problem: Problem, solution: Solution, j: int) -> float:
-    """How far inside its bound the parameter may lie: 95 %, one-sided."""
+def _push(problem: Problem, solution: Solution) -> np.ndarray:
+    """(k,) how many of its standard deviations the peak of a parameter lies from where it is."""
     matrix, slope, _ = schur(solution.normal)
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
-    with np.errstate(all="ignore"):
-        std = np.sqrt(variance * np.linalg.pinv(matrix, hermitian=True)[j, j])
+    std = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)), 0.0))
+    return np.abs(slope) * std / variance
+
+
+def _beyond_bound(problem: Problem, solution: Solution, j: int) -> float:
+    """How far inside its bound the parameter may lie: 95 %, one-sided."""
+    matrix, _, _ = schur(solution.normal)
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    std = np.sqrt(variance * max(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)[j, j], 0.0))
     # The slope pushes against the bound: the likelihood falls as exp(-s x - x^2 / (2 std^2)).
-    push = abs(slope[j]) / variance * std
+    push = _push(problem, solution)[j]
     return float(std * (np.sqrt(push**2 + 1.645**2) - push)) if std > 0.0 else 0.0
 
 
@@ -143,7 +156,7 @@ def experiment_for(name: str, drive: Drive) -> str:
     """What to record so that a parameter shows."""
     suffix = name.rpartition(".")[2]
     if suffix in TOTALS.values() and name not in TOTALS:
-        return f"Log the load speed or the shaft torque, or fit total.{suffix} instead."
+        return f"Log the shaft torque or the load speed, or fit total.{suffix} instead."
     for effect, owner, _ in drive.effects():
         if f"{owner}.{suffix}" == name or (name in TOTALS and suffix in effect.quantities):
             return f"Needed: {effect.needs}."

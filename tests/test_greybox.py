@@ -1,0 +1,124 @@
+"""What a user can ask of a grey-box fit, and what it says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from drivetool.errors import BadOption, BadParameters
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.recover import STEP, drive_like, experiment, joint_error, linear_record, truth
+from tests.simulator.experiments import multisine, steps
+from tests.simulator.machine import machine_by_seed, running
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
+
+SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
+MACHINE = machine_by_seed(5)
+
+
+def start(off=0.1):
+    values = truth(MACHINE)
+    return drive_like(MACHINE, SHAPE, off, 1).with_values(
+        {n: values[n] for n in ("total.viscous", "total.idle_torque")})
+
+
+def test_two_recordings_are_fitted_together_and_tell_more_than_one():
+    one = linear_record(MACHINE, 51, 4.0)
+    two = linear_record(MACHINE, 52, 4.0)
+    single = greybox([one], start(), Options())
+    both = greybox([one, replace(two, name="second")], start(), Options())
+    square, limit = joint_error(both, truth(MACHINE))
+    assert square < limit
+    std = {e: {p.name: p.std for p in est.parameters} for e, est in (("one", single), ("both", both))}
+    for name in SHAPE:
+        assert std["both"][name] < 0.9 * std["one"][name]
+    assert [name for name, _ in both.data] == ["simulated", "second"]
+
+
+def test_held_parameter_keeps_its_value_and_the_others_move():
+    drive = start().with_values({"shaft.stiffness": truth(MACHINE)["shaft.stiffness"]})
+    estimate = greybox([linear_record(MACHINE, 51)], drive, Options(hold=("shaft.stiffness",)))
+    lines = {p.name: p for p in estimate.parameters}
+    assert lines["shaft.stiffness"].status == "held" and lines["shaft.stiffness"].std is None
+    assert lines["shaft.stiffness"].value == drive.values["shaft.stiffness"]
+    assert lines["motor.inertia"].value != drive.values["motor.inertia"]
+
+
+def test_both_criteria_are_reported_and_agree_where_the_model_is_right():
+    fit = greybox([linear_record(MACHINE, 51)], start(), Options()).fit
+    ours = fit["held_out_simulation_fit_percent_by_innovations"]
+    theirs = fit["held_out_simulation_fit_percent_by_simulation"]
+    assert ours > 95.0 and abs(ours - theirs) < 1.0
+    assert fit["one_step_fit_percent"] >= fit["simulation_fit_percent"]
+
+
+def test_simulation_criterion_says_what_its_intervals_assume():
+    estimate = greybox([linear_record(MACHINE, 51, torque_noise=0.0)], start(), Options(criterion="simulation"))
+    assert "simulation-criterion" in {f.code for f in estimate.findings}
+    for name in SHAPE:
+        assert estimate.drive.values[name] == pytest.approx(truth(MACHINE)[name], rel=0.05)
+
+
+def test_coloured_torque_noise_is_noticed_and_modelled():
+    rated, memory = MACHINE.rated_torque, np.exp(-STEP / 0.03)
+    begin = running(MACHINE, 20.0)
+    torque = steps(begin.torque, [0.1 * rated] * 8, (0.6, 1.0), 0.5, STEP, 3)[:6000]
+    torque = torque + multisine(np.linspace(0.3, 2.0, 9) * 18.0, 0.01 * rated, 6.0, STEP, 4)[: len(torque)]
+    white = white_noise(len(torque), 0.03 * rated * np.sqrt(1.0 - memory**2), 5)
+    noise = lfilter([1.0], [1.0, -memory], white)
+    speed = simulate_linear(MACHINE, torque, STEP, begin, noise).speeds[:, 0]
+    speed = speed + white_noise(len(torque), 0.002 * rated * 0.25 / sum(MACHINE.inertia), 6)
+    estimate = greybox([experiment(torque, speed)], start(0.05), Options())
+    assert estimate.noise["torque_correlation_time"] == pytest.approx(0.03, rel=0.4)
+    assert estimate.noise["torque_std"] == pytest.approx(0.03 * rated, rel=0.4)
+    square, limit = joint_error(estimate, truth(MACHINE))
+    assert square < limit
+
+
+def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
+    drive = start().with_values({"motor.viscous": 0.02, "load.viscous": 0.02})
+    estimate = greybox([linear_record(MACHINE, 51)], drive,
+                       Options(free=("motor.viscous", "load.viscous")))
+    lines = {p.name: p for p in estimate.parameters}
+    for name in ("motor.viscous", "load.viscous"):
+        assert lines[name].status == "not-identifiable" and lines[name].std is None
+    assert any("shaft torque" in f.action for f in estimate.findings if f.code == "not-identifiable")
+
+
+def test_a_shaft_torque_sensor_tells_them_apart():
+    machine = replace(MACHINE, viscous=(0.4, 0.1))
+    record = linear_record(machine, 51)
+    run = simulate_linear(machine, record.signals["motor_torque"], STEP, running(machine, 20.0),
+                          white_noise(record.size, 0.003 * machine.rated_torque, 7 * 51 + 1))
+    shaft = run.shaft_torques[:, 0] + white_noise(record.size, 0.5, 99)
+    record = replace(record, signals={**record.signals, "shaft_torque": shaft})
+    drive = start().with_values({"motor.viscous": 0.2, "load.viscous": 0.2})
+    estimate = greybox([record], drive, Options(free=("motor.viscous", "load.viscous")))
+    lines = {p.name: p for p in estimate.parameters}
+    for name, true in (("motor.viscous", 0.4), ("load.viscous", 0.1)):
+        assert lines[name].status == "fitted"
+        assert abs(lines[name].value - true) < 4.0 * lines[name].std
+        assert lines[name].std < 0.03
+    assert estimate.noise["sensor_std.shaft_torque"] == pytest.approx(0.5, rel=0.1)
+
+
+def test_same_input_same_numbers():
+    record = linear_record(MACHINE, 51, 3.0)
+    first, second = (greybox([record], start(), Options()) for _ in range(2))
+    assert first.drive.values == second.drive.values
+    assert np.array_equal(first.covariance.matrix, second.covariance.matrix)
+
+
+@pytest.mark.parametrize(("options", "error", "words"), [
+    (Options(free=("motor.inertai",)), BadParameters, "motor.inertia"),
+    (Options(hold=("motor.inertia",), free=("motor.inertia",)), BadOption, "both"),
+    (Options(free=("converter.bandwidth",)), BadOption, "finite start value"),
+])
+def test_options_that_cannot_be(options, error, words):
+    with pytest.raises(error, match=words):
+        greybox([linear_record(MACHINE, 51, 3.0)], start(), options)
