@@ -48,7 +48,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     drive.require(drive.missing(), "a backlash fit")
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, options.free)
-    options = expanded(options, drive, experiments)
+    asked, options = options, expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
     free = chosen(drive, gaps, options)
     gaps = [g for g in gaps if g in free]
@@ -58,7 +58,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if shut:
         return _not_crossed(task, drive, shut, closed, options)
     outcome = fit_task(task, options, _starts(task, gaps, options))
-    outcome = coloured(split_totals(outcome, options))
+    outcome = coloured(split_totals(outcome, asked))
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
                 and not unsettled(outcome) and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},

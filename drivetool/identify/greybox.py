@@ -48,11 +48,11 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive.require(drive.missing(), "the start of a grey-box fit")
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, options.free)
-    options = expanded(options, drive, experiments)
+    asked, options = options, expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome = fit_task(task, options, [{}])
-    outcome = coloured(split_totals(outcome, options))
+    outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
