@@ -6,7 +6,7 @@ with the numbers: a parameter is a Dual over the free ones.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -290,11 +290,3 @@ def _picks(outputs: np.ndarray, gap: np.ndarray) -> np.ndarray:
 def angle_roles(layout: Layout) -> tuple[str, ...]:
     """The outputs that are angles; the first one defines where the motor's angle is zero."""
     return tuple(role for role in layout.outputs if role.endswith("angle"))
-
-
-def assemble(drive: Drive, layout: Layout, values: Mapping[str, float] | None = None) -> System:
-    """The equations of a drive, optionally with some values replaced (bounds not checked)."""
-    if values:
-        from dataclasses import replace
-        drive = replace(drive, values={**drive.values, **values})
-    return Assembly(drive, layout).system()

@@ -15,20 +15,21 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import Contact, contact
-from drivetool.identify.engine import Outcome, Task, coloured, fit_task
+from drivetool.identify.engine import Outcome, Task, coloured, fit_task, frozen
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
+from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_states, roles_of
 from drivetool.logs.experiment import Experiment
 
 # Half gaps to look at, over the twist that the torque of the record makes.
 SCAN = np.geomspace(0.01, 30.0, 160)
-VALLEYS = 3
-SPREAD = [0.5, 2.0]
+VALLEYS = 3  # of the scan from which fits start
+SPREAD = [0.5, 2.0]  # further shares to start from
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -106,8 +107,6 @@ def valleys(values: np.ndarray) -> list[int]:
 
 
 def _wide(outcome: Outcome, name: str) -> bool:
-    from drivetool.identify.results import covariance_of
-
     covariance, _, free = covariance_of(outcome.problem, outcome.solution)
     j = outcome.problem.names.index(name)
     value = outcome.solution.point.values[j]
@@ -115,8 +114,6 @@ def _wide(outcome: Outcome, name: str) -> bool:
 
 
 def _profile(outcome: Outcome, name: str) -> Profile:
-    from drivetool.identify.results import covariance_of
-
     covariance, _, _ = covariance_of(outcome.problem, outcome.solution)
     j = outcome.problem.names.index(name)
     std, value = np.sqrt(covariance[j, j]), outcome.solution.point.values[j]
@@ -205,8 +202,6 @@ def _not_crossed(task: Task, drive: Drive, shut: Sequence[str], closed: dict[str
     """The answer for a record whose shaft torque keeps its sign: nothing is fitted."""
     rest = tuple(n for n in task.free if n not in shut)
     held = replace(task, free=rest)
-    from drivetool.identify.engine import frozen
-
     outcome = fit_task(held, options, [{}]) if rest else frozen(held)
     findings, lines = [], []
     for g in shut:

@@ -223,13 +223,3 @@ def _unit(role: str, experiment) -> str:
     if role.endswith("speed"):
         return f"{experiment.motion_unit}/s"
     return experiment.motion_unit if role.endswith("angle") else experiment.torque_unit
-
-
-def innovation_passes(outcome: Outcome):
-    """Kalman passes at the estimate, with gains."""
-    return filtered(outcome.problem, outcome.solution.point, outcome.fit.noise)
-
-
-def with_findings(estimate: Estimate, findings: Sequence[Finding]) -> Estimate:
-    """The estimate with more findings."""
-    return replace(estimate, findings=(*estimate.findings, *findings))

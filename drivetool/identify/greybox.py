@@ -25,9 +25,12 @@ from drivetool.identify.engine import (
     free_run,
 )
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.noise import filtered
 from drivetool.identify.options import Options
+from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
@@ -151,11 +154,6 @@ def _shares(drive: Drive, suffix: str) -> list[float]:
 
 def _tells_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
     """Predicted std of each part below a third of the sum, at the present estimate."""
-    from drivetool.identify.least_squares import Solution
-    from drivetool.identify.noise import filtered
-    from drivetool.identify.problem import Point
-    from drivetool.identify.setup import first_point
-
     problem = task.problem(_segment_of(outcome))
     point = first_point(task.drive, problem, task.roles)
     point = Point(point.values, outcome.solution.point.starts)

@@ -69,10 +69,6 @@ class Problem:
         """Number of estimated values, start states included."""
         return len(self.names) + len(self.traces) * len(self.free_start)
 
-    def restricted(self, keep: Sequence[bool]) -> np.ndarray:
-        """Indices of the kept parameters."""
-        return np.flatnonzero(np.asarray(keep))
-
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
         """A plant per trace; traces with one step share theirs."""
         made: dict[float, Plant] = {}
