@@ -261,8 +261,9 @@ def switch_late(s, c, x, u, late, big, mode, k):
     k        slot of the mode, or -1
     returns  whether the mode has changed
     """
+    first = 0 * s.nx  # not a literal, of which Numba would compile a version of its own
     if k < 0:
-        k = lookup(s, c, mode, 0)
+        k = lookup(s, c, mode, first)
     jump = c.vectors[1]
     for r in range(s.nx):
         jump[r] = 0.0
@@ -273,7 +274,7 @@ def switch_late(s, c, x, u, late, big, mode, k):
         # The switch lets a body go: its acceleration begins here too.
         for r in range(s.nx):
             jump[r] = load_on(c.flow[k, r, :, 0], x, late)
-        k = lookup(s, c, mode, 0)
+        k = lookup(s, c, mode, first)
         for r in range(s.nx):
             jump[r] -= load_on(c.flow[k, r, :, 0], x, u)
     for r in range(s.nx):

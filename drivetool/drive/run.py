@@ -91,11 +91,12 @@ def varies(delay):
 @njit(**COMPILE)
 def slots(s, c, mode):
     """Where the mode lies for the first and the last part of a sample."""
-    last = lookup(s, c, mode, s.spans.size - 1)
-    if s.spans.size == 1:
+    part = s.spans.size - 1
+    last = lookup(s, c, mode, part)
+    if part == 0:
         return last, last
-    first = lookup(s, c, mode, 0)
-    return first, lookup(s, c, mode, 1)  # once more: working out the first may have emptied the cache
+    first = lookup(s, c, mode, part - 1)
+    return first, lookup(s, c, mode, part)  # once more: working out the first may have emptied the cache
 
 
 @njit(**HOT)
