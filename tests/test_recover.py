@@ -72,6 +72,15 @@ def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     assert abs(line.value - true) < 4.0 * line.std
 
 
+def test_a_light_load_gets_a_warning_and_no_interval(fitted):
+    machine = machine_by_seed(31, gap=0.2)  # load 0.14 of the motor
+    record, _ = gap_record(machine, 31)
+    estimate = backlash([record], fitted(31).drive, Options())
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    assert line.std is None and line.ci95 is None and line.reason
+    assert "light-load" in {f.code for f in estimate.findings}
+
+
 def reversing_fit(seed):
     """(estimate, machine) of everything at once, from a reversing record, started 5 to 10 % off."""
     machine = machine_by_seed(seed, gap=0.3, friction=True)
