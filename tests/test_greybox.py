@@ -9,8 +9,11 @@ import pytest
 from scipy.signal import lfilter
 
 from drivetool.errors import BadOption, BadParameters
+from drivetool.identify.engine import Task
 from drivetool.identify.greybox import greybox
+from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.options import Options
+from drivetool.identify.setup import Roles, first_point
 from tests.recover import STEP, drive_like, experiment, joint_error, linear_record, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running
@@ -78,6 +81,19 @@ def test_coloured_torque_noise_is_noticed_and_modelled():
     assert estimate.noise["torque_std"] == pytest.approx(0.03 * rated, rel=0.4)
     square, limit = joint_error(estimate, truth(MACHINE))
     assert square < limit
+
+
+def test_normal_equations_of_forgetful_coloured_noise_are_those_of_white():
+    """They carry the uncertainty of held values, under whichever noise model the fit ended with."""
+    task = Task(start(), ("motor.inertia", "load.inertia"), Roles(("motor_torque",), ("motor_speed",)),
+                (linear_record(MACHINE, 51, 3.0),))
+    problem = task.problem()
+    point = first_point(task.drive, problem, task.roles)
+    scale = np.ones(1)
+    white = normal_under(problem, point, Noise(20.0, None, scale))
+    almost = normal_under(problem, point, Noise(20.0, 1e-9, scale))
+    np.testing.assert_allclose(almost.shared, white.shared, rtol=1e-6)
+    np.testing.assert_allclose(almost.cross[0], white.cross[0], rtol=1e-5, atol=1e-9 * np.abs(white.cross[0]).max())
 
 
 def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():

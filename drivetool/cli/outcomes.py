@@ -48,7 +48,7 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False) -> None:
             # The reader of our output has gone; Python would complain once more at its end.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = FAILED
-        except Exception as error:
+        except Exception as error:  # no traceback reaches a user, whatever went wrong
             text = " ".join(f"{type(error).__name__}: {error}".split())
             code = _failed(command, f"unexpected {text} (run again with --debug for the traceback)", debug)
     raise typer.Exit(code)

@@ -12,7 +12,7 @@ from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import filtered
+from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.setup import problem_of
@@ -104,9 +104,7 @@ def _from_held(outcome: Outcome, known: Covariance | None) -> tuple[np.ndarray |
     problem = problem_of(task.drive, (*task.free, *total), task.roles, outcome.problem.traces)
     values = np.array([task.drive.value(n) for n in problem.names])
     point = Point(values, outcome.solution.point.starts)
-    noise = outcome.fit.noise
-    gains = [f.gains for f in filtered(problem, point, replace(noise, memory=None))]
-    extra = held_uncertainty(problem, problem.normal(point, gains), held)
+    extra = held_uncertainty(problem, normal_under(problem, point, outcome.fit.noise), held)
     own, _, _ = covariance_of(outcome.problem, outcome.solution)
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.sqrt(np.diag(extra) / np.diag(own))
@@ -140,8 +138,7 @@ def _from_sharing(outcome: Outcome) -> np.ndarray | None:
     names = tuple(first if n == total else n for n in task.free)
     problem = problem_of(drive, (*names, last), task.roles, outcome.problem.traces)
     point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
-    gains = [f.gains for f in filtered(problem, point, replace(outcome.fit.noise, memory=None))]
-    matrix, _, _ = schur(problem.normal(point, gains))
+    matrix, _, _ = schur(normal_under(problem, point, outcome.fit.noise))
     shift = -np.linalg.pinv(matrix[:-1, :-1], hermitian=True) @ matrix[:-1, -1]
     shift[names.index(first)] += 1.0  # the sum is the motor's part plus the load's
     return np.outer(shift, shift) * whole**2 / 12.0

@@ -26,7 +26,7 @@ from drivetool.identify.engine import (
 )
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.least_squares import Solution
-from drivetool.identify.noise import filtered
+from drivetool.identify.noise import normal_under
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of
@@ -157,13 +157,8 @@ def _tells_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: floa
     problem = task.problem(_segment_of(outcome))
     point = first_point(task.drive, problem, task.roles)
     point = Point(point.values, outcome.solution.point.starts)
-    noise = outcome.fit.noise if outcome.fit is not None else None
-    if noise is not None:
-        noise = replace(noise, memory=None) if noise.memory is not None else noise
-        gains = [f.gains for f in filtered(problem, point, noise)]
-    else:
-        gains = None
-    normal = problem.normal(point, gains)
+    normal = (problem.normal(point) if outcome.fit is None
+              else normal_under(problem, point, outcome.fit.noise))
     covariance, inflation, _ = covariance_of(
         replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
     index = [problem.names.index(p) for p in parts]

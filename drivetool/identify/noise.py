@@ -69,8 +69,7 @@ def restricted(problem: Problem, point: Point, noise: Noise) -> float:
     """
     passes = filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
-    model = problem.with_memory(noise.memory)
-    normal = model.normal(with_state(point, noise), [f.gains for f in passes])
+    normal = _normal(problem, point, noise, passes)
     matrix, slope = _whole(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
@@ -82,6 +81,16 @@ def restricted(problem: Problem, point: Point, noise: Noise) -> float:
         return np.inf
     determinant = np.linalg.slogdet(scaled)[1] + 2.0 * float(np.sum(np.log(size)))
     return 0.5 * (degrees * np.log(left / degrees) + logs + determinant)
+
+
+def normal_under(problem: Problem, point: Point, noise: Noise) -> Normal:
+    """Normal equations of the one-step errors at a point, under the gains of a noise model."""
+    return _normal(problem, point, noise, filtered(problem, point, noise))
+
+
+def _normal(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> Normal:
+    model = problem.with_memory(noise.memory)
+    return model.normal(with_state(point, noise), [f.gains for f in passes])
 
 
 def _whole(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
