@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE
-from drivetool.drive.events import MOST, next_event, series, switch, unlocated_step
+from drivetool.drive.events import MOST, load_on, next_event, series, switch, unlocated_step
 from drivetool.drive.kernel import guard_values
 from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
@@ -172,8 +172,10 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
         rest = rest - te if te < rest else 0.0
         time += te
         if element >= 0:
-            drop_friction(s, laws, element, x)
+            side, dropped = 1.0 - mode[element], drop_friction(s, laws, element, x)
             switch(s, c.hold, net, mode, x, u, big, element, digit)
+            if element >= s.ng and side * (1.0 - mode[element]) < 0.0:
+                as_it_came(s, c.hold, net, element - s.ng, side, dropped, x, u, big)
             fresh |= 1 << element
             events += 1
     for m in range(laws.code.size):
@@ -184,7 +186,19 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
 
 @njit(**COMPILE)
 def drop_friction(s, laws, element, x):
-    """Take the laws of a friction off the torque on its body: what holds it is in `hold`."""
+    """Take the laws of a friction off the torque on its body, as `hold` has them; returns their sum."""
+    total = 0.0
     for m in range(laws.code.size):
         if laws.friction[m] >= 0 and s.ng + laws.friction[m] == element:
+            total += x[laws.first + 3 * m]
             x[laws.first + 3 * m] = 0.0
+    return total
+
+
+@njit(**COMPILE)
+def as_it_came(s, hold, net, f, side, dropped, x, u, big):
+    """Mend the saltation of a body that goes on through zero: the parabola's torque is what slowed it."""
+    load = load_on(net[f], x, u)
+    factor = (load - side * hold[f, 0]) / (load - side * s.level[f, 0] + dropped)
+    for q in range(big.shape[1]):
+        big[s.slip_rows[f], q] *= factor
