@@ -29,6 +29,6 @@ numba.config.CACHE_DIR = _cache_folder()
 
 # The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
 # every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
-COMPILE = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
+COMPILE = {"cache": True, "nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
 HOT = {**COMPILE, "forceinline": True}
 LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
