@@ -106,7 +106,8 @@ def substeps(machine: Machine, step: float) -> int:
         fastest += [np.sqrt(stiffness * harder * ease), damping * (1.0 + most / torque) * ease]
     for i, (extra, speed) in enumerate(zip(e.of("stribeck", n), e.of("stribeck_speed", n), strict=True)):
         fastest.append(extra / speed / m.inertia[i])
-    smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back)
+    smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back
+                  or e.hardening_twist or e.damping_torque)
     return max(3 if smooth else 6, int(np.ceil(3.0 * step * max(fastest))))
 
 

@@ -15,6 +15,7 @@ from scipy.integrate import DOP853
 A, B, C = (np.ascontiguousarray(a) for a in (DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]))
 STAGES = 12
 SPEED_NOISE = 1e-14
+TWIST_NOISE = 1e-15
 MOST_EVENTS = 1000
 
 # Few arrays with many rows: compiled calls copy the description of every array they are given.
@@ -51,6 +52,15 @@ def one_side(y, k, side, p):
     if p.path[ALW] > 0.0:
         damping = 0.0
     return elastic + damping * rate
+
+
+@njit(cache=True, error_model="numpy")
+def bent(k, p):
+    """Whether stiffness or damping depend on the load: the law then has a kink at no load.
+
+    Without a gap the contact state is the sign of the twist, so that no step goes over the kink.
+    """
+    return p.shaft[HTW, k] < np.inf or p.shaft[DTO, k] < np.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -169,6 +179,8 @@ def violated(y, t, u, p, mode, work):
                 return k, 1
             elif one_side(y, k, -1, p) < -noise:
                 return k, -1
+        elif bent(k, p) and mode.contact[k] * y[n + k] < -TWIST_NOISE:
+            return k, -mode.contact[k]
     known = False
     for i in range(n):
         if p.body[ROU, i] > 0.0:
@@ -192,7 +204,8 @@ def leave(which, new, y, t, u, p, mode, work):
     n = p.body.shape[1]
     if which < n - 1:
         mode.contact[which] = new
-        mode.events[MADE if new else LOST] += 1
+        if p.shaft[GAP, which] > 0.0:
+            mode.events[MADE if new else LOST] += 1
         return
     i = which - (n - 1)
     if new:
@@ -266,6 +279,8 @@ def begin(y, p, mode):
                 mode.contact[k] = 1
             elif one_side(y, k, -1, p) < 0.0:
                 mode.contact[k] = -1
+        elif bent(k, p):
+            mode.contact[k] = 1 if y[p.body.shape[1] + k] >= 0.0 else -1
 
 
 @njit(cache=True, error_model="numpy")
