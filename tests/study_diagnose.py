@@ -3,11 +3,14 @@
     DRIVETOOL_STUDY_CASES=20 DRIVETOOL_STUDY_NULLS=1000 make study
     python -m tests.study_diagnose            # the tables of what has been run so far
 
-Every case is a line of build/study_diagnose.jsonl; those that are there are not run again.
+Every case is a line of build/study_diagnose-<hash>.jsonl; those that are there are not run again. The
+hash is that of the code that fits and judges: another tool starts another file, unless
+DRIVETOOL_STUDY_RESULTS says which to go on with.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import tempfile
@@ -26,7 +29,7 @@ from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
 from tests.hidden.command import GRADES, Answer, ask, grade, run
 from tests.hidden.visibility import separation
 
-RESULTS = Path(__file__).parent.parent / "build" / "study_diagnose.jsonl"
+ROOT = Path(__file__).parent.parent
 # Seeds that no other test uses.
 FIRST_SEED, FIRST_NULL = 50_000, 60_000
 # Visible: half the square is 50 units of log likelihood on the whole record, so that each of eight
@@ -142,7 +145,18 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
 # Resuming
 
 
-def rows(path: Path = RESULTS) -> list[dict]:
+def results() -> Path:
+    """Where the rows of the tool as it is now are."""
+    if "DRIVETOOL_STUDY_RESULTS" in os.environ:
+        return Path(os.environ["DRIVETOOL_STUDY_RESULTS"])
+    code = hashlib.sha256()
+    for room in ("logs", "drive", "identify", "check"):
+        for path in sorted((ROOT / "drivetool" / room).rglob("*.py")):
+            code.update(path.read_bytes())
+    return ROOT / "build" / f"study_diagnose-{code.hexdigest()[:10]}.jsonl"
+
+
+def rows(path: Path) -> list[dict]:
     """What has been run; a line that was cut off in the middle is run again."""
     found = {}
     for line in path.read_text().splitlines() if path.exists() else ():
@@ -154,7 +168,7 @@ def rows(path: Path = RESULTS) -> list[dict]:
     return list(found.values())
 
 
-def study(wanted: Iterable[Plan], path: Path = RESULTS, workers: int = 2,
+def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
           asking: Callable[..., Answer] = ask) -> list[dict]:
     """Run what is not there yet, a line per case as soon as it is done; all the wanted rows."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -262,7 +276,7 @@ def test_hidden_effects_over_fresh_seeds():
     """At least 95 % of visible effects named, at most 1 % wrong names and 1 % false alarms."""
     cases = int(os.environ.get("DRIVETOOL_STUDY_CASES", "20"))
     nulls = int(os.environ.get("DRIVETOOL_STUDY_NULLS", "1000"))
-    found = study(plans(cases, nulls), workers=int(os.environ.get("DRIVETOOL_STUDY_WORKERS", "2")))
+    found = study(plans(cases, nulls), results(), int(os.environ.get("DRIVETOOL_STUDY_WORKERS", "2")))
     print("\n" + summary(found))
     count = Counter(row["grade"] for row in found
                     if row["part"] in ("effect", "pair") and (row["visibility"] or 0.0) >= VISIBLE)
@@ -273,4 +287,4 @@ def test_hidden_effects_over_fresh_seeds():
 
 
 if __name__ == "__main__":
-    print(summary(rows()))
+    print(summary(rows(results())))
