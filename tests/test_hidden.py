@@ -148,7 +148,7 @@ def test_wrong_words_are_refused(words, message):
 
 
 def test_whitened_noise_is_white_and_of_unit_size():
-    case = make_case("none", 2, sensors=("motor_speed", "load_angle"), coloured=1.0, **SHORT)
+    case = make_case("none", 2, sensors=("motor_speed", "load_angle"), noise="loud", coloured=2.0, duration=6.0)
     rig, roles = case.rig, tuple(case.noise.sensors)
     white = Whitener(rig.machine, roles, case.noise, dict.fromkeys(roles, 0.0))
     record = case.records[0]
@@ -158,9 +158,9 @@ def test_whitened_noise_is_white_and_of_unit_size():
     # Untreated, torque noise has piled up to many times the sensor noise.
     assert np.abs(deviation[-1000:] / list(case.noise.sensors.values())).max() > 8.0
     errors = white(deviation[:, :, None])[:, :, 0]
-    assert np.std(errors[20:], axis=0) == pytest.approx(1.0, abs=0.06)
+    assert np.std(errors[20:], axis=0) == pytest.approx(1.0, abs=0.035)
     for lag in (1, 2, 10):
-        assert np.abs(np.mean(errors[lag:] * errors[:-lag], axis=0)).max() < 0.1
+        assert np.abs(np.mean(errors[lag:] * errors[:-lag], axis=0)).max() < 0.045
     assert outputs(rig.machine, roles).shape == (2, 4)
 
 
@@ -185,6 +185,12 @@ def test_what_the_plain_parameters_can_imitate_is_not_visible():
     for sensors in (("motor_speed",), ("motor_speed", "shaft_torque")):
         offset = visible(make_case("torque-offset", 2, sensors=sensors, **SHORT))
         assert offset.converged and offset.number < 1e-3 < 1.0 < offset.before
+    # Start states are fitted too: what is known of them does not matter.
+    case = make_case("torque-offset", 2, **SHORT)
+    run = case.records[0].run
+    moved = replace(run, speeds=run.speeds + 0.05 * case.rig.top * (np.arange(len(run.time)) == 0)[:, None])
+    other = visible(case, (), (replace(case.records[0], run=moved),))
+    assert other.number < 1e-3 and other.before > 10.0
     # A tiny stiff third mass is nearly a heavier load, unless the load is looked at.
     hidden, shown = (visible(make_case("third-mass", 2, size=0.05, sensors=sensors, **SHORT))
                      for sensors in (("motor_speed",), ("motor_speed", "load_speed")))
