@@ -64,5 +64,5 @@ def diagnosis(**changes) -> Diagnosis:
 
 
 def with_pictures(made: Diagnosis) -> Diagnosis:
-    """The same with everything that can be drawn."""
-    return replace(made, exhibits=exhibits_of(views(), 5.766, made.rounds, 0.02))
+    """The same with pictures of one record."""
+    return replace(made, exhibits=exhibits_of(views(second=False), 5.766, made.rounds, 0.02))

@@ -216,7 +216,7 @@ def _over_order(views: Sequence[View], lacking: Sequence[Mapping[str, np.ndarray
         curves[which] = _peaks(order, amplitude)
     unit = "periods per turn" if rotary else "rad/m"
     return [Exhibit("diagnosis-residual-order", "Missing torque that repeats with the motor's angle",
-                    f"order [{unit}]", f"amplitude [{views[0].units[1]}]", curves)]
+                    f"order [{unit}]", f"amplitude, rigid drive [{views[0].units[1]}]", curves)]
 
 
 def _spectrum(view: View, torque: np.ndarray, highest: float, reach: float) -> np.ndarray:

@@ -41,6 +41,18 @@ def diagnosis_section(diagnosis: Diagnosis) -> shapes.DiagnosisSection:
         rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain(one.gain)) for n, one in rounds])
 
 
+def sections_before(sections: Mapping[str, shapes.ParameterSection],
+                    drive: Drive) -> dict[str, shapes.ParameterSection]:
+    """What the files said, in the units of the drive, for a table of before and after."""
+    found = {}
+    for name, entry in sections.items():
+        value = drive.values.get(name)
+        factor = value / entry.value if value and entry.value else 1.0
+        std = None if entry.std is None else entry.std * factor
+        found[name] = msgspec.structs.replace(entry, value=value, std=std, unit=drive.unit(name))
+    return found
+
+
 def _candidate(found: CandidateResult, number: int, drive: Drive) -> shapes.CandidateSection:
     """One candidate of one round; its parameters in the units they were fitted in."""
     units = {p.name: p.unit for p in found.parameters}
