@@ -223,9 +223,10 @@ def test_the_page_needs_nothing_else(folder, asked, call):
     asked.answer = diagnosed.with_pictures(diagnosed.diagnosis())
     code, _, err = call(*WORDS, "-o", "x.yaml", "--report", "r.html")
     text = Path("r.html").read_text()
-    assert code == 0 and "wrote r.html" in err and str(folder) not in text
     page = Page(text)
-    assert page.tags.count("svg") == len(asked.answer.exhibits) == page.tags.count("figcaption")
+    assert code == 0 and "wrote r.html" in err and str(folder) not in text
+    assert page.tags.count("svg") == page.tags.count("figure") == len(asked.answer.exhibits)
+    assert page.tags.count("figcaption") == len({e.kind for e in asked.answer.exhibits})
     assert not {"script", "link", "img", "iframe", "object"} & set(page.tags)
     targets = [value for _, name, value in page.attributes if name in ("src", "href", "xlink:href")]
     assert all(target.startswith("#") for target in targets) and "@import" not in text

@@ -62,6 +62,13 @@ class View:
         """Measured minus simulated, before and after."""
         return {"before": self.measured - self.before, "after": self.measured - self.after}
 
+    @property
+    def words(self) -> tuple[str, str, str]:
+        """Output, torque and angle in words: a carriage has a force and a position."""
+        linear = self.units[2] == "m"
+        output = self.output.replace("angle", "position").replace("torque", "force") if linear else self.output
+        return output.replace("_", " "), "force" if linear else "torque", "position" if linear else "angle"
+
     def pieces(self) -> list[slice]:
         """The free runs."""
         edges = [*self.breaks, len(self.time)]
@@ -83,7 +90,7 @@ def exhibits_of(views: Sequence[View], inertia: float, rounds: Sequence[Round] =
     """All pictures of a diagnosis.
 
     views        the records; the pictures over speed, torque, order and reversals pool them
-    inertia      of the whole drive as the motor feels it, in the drive's unit
+    inertia      of the whole drive as the motor feels it (freerun.rigid_inertia), in its unit
     rounds       what was tried; a picture each
     noise_floor  std of the sensor alone, in the unit of the output
     returns      kinds diagnosis-record, -residual-time (per record), -speed, -torque, -order,
@@ -101,12 +108,12 @@ def exhibits_of(views: Sequence[View], inertia: float, rounds: Sequence[Round] =
 
 def _record(view: View) -> Exhibit:
     """Measured over simulated with errors and torque, all of it and where the base errs most."""
-    errors, label = view.errors, view.output.replace("_", " ")
+    errors, label = view.errors, view.words[0]
     curves: Curves = {
         "measured": (view.time, view.measured), "simulated before": (view.time, view.before),
         "simulated after": (view.time, view.after),
         "residual before": (view.time, errors["before"]), "residual after": (view.time, errors["after"]),
-        f"torque [{view.units[1]}]": (view.time, view.torque),
+        f"{view.words[1]} [{view.units[1]}]": (view.time, view.torque),
         "close-up": (np.array(_worst(view)), np.zeros(2))}
     return Exhibit("diagnosis-record", f"{view.name}: measured and simulated", "time [s]",
                    f"{label} [{view.units[0]}]", curves)
@@ -138,26 +145,25 @@ def _over_time(view: View, noise_floor: float | None) -> Exhibit:
         curves["noise of the sensor"] = (view.time[[0, -1]], np.full(2, noise_floor))
     at = reversals_of([view])[0][0].index
     curves["reversals of the speed"] = (view.time[at], np.zeros(len(at)))
-    label = view.output.replace("_", " ")
-    return Exhibit("diagnosis-residual-time", f"{view.name}: what the simulation gets wrong, over time",
-                   "time [s]", f"error of {label} [{view.units[0]}]", curves)
+    return Exhibit("diagnosis-residual-time", f"{view.name}: error over time",
+                   "time [s]", f"error of {view.words[0]} [{view.units[0]}]", curves)
 
 
 def _over_speed(views: Sequence[View], lacking: Sequence[Mapping[str, np.ndarray]]) -> list[Exhibit]:
     """Missing torque by speed: friction shows its law here."""
     curves = _binned([v.speed for v in views], lacking)
-    units = views[0].units
-    return [Exhibit("diagnosis-residual-speed", "Torque that the model lacks, by speed",
-                    f"motor speed [{units[2]}/s]", f"missing torque [{units[1]}]", curves)]
+    units, torque = views[0].units, views[0].words[1]
+    return [Exhibit("diagnosis-residual-speed", f"{torque.capitalize()} that the model lacks, by speed",
+                    f"motor speed [{units[2]}/s]", f"missing {torque} [{units[1]}]", curves)]
 
 
 def _over_torque(views: Sequence[View], lacking: Sequence[Mapping[str, np.ndarray]]) -> list[Exhibit]:
     """Missing torque by the torque the shaft carries, or the motor's where there is no shaft."""
     shaft = all(v.shaft is not None for v in views)
     values = [v.shaft if shaft else v.torque for v in views]
-    units = views[0].units
-    return [Exhibit("diagnosis-residual-torque", "Torque that the model lacks, by torque",
-                    f"{'shaft' if shaft else 'motor'} torque [{units[1]}]", f"missing torque [{units[1]}]",
+    units, torque = views[0].units, views[0].words[1]
+    return [Exhibit("diagnosis-residual-torque", f"{torque.capitalize()} that the model lacks, by {torque}",
+                    f"{'shaft' if shaft else 'motor'} {torque} [{units[1]}]", f"missing {torque} [{units[1]}]",
                     _binned(values, lacking))]
 
 
@@ -212,11 +218,12 @@ def _over_order(views: Sequence[View], lacking: Sequence[Mapping[str, np.ndarray
     for which in ("before", "after"):
         power = [way * np.square(_spectrum(v, each[which], highest, reach) / way)
                  for v, each, way in zip(views, lacking, ways, strict=True) if way > 0.0]
-        order, amplitude = np.linspace(0.0, highest, len(power[0])), np.sqrt(sum(power) / sum(ways))
-        curves[which] = _peaks(order, amplitude)
-    unit = "periods per turn" if rotary else "rad/m"
-    return [Exhibit("diagnosis-residual-order", "Missing torque that repeats with the motor's angle",
-                    f"order [{unit}]", f"amplitude, rigid drive [{views[0].units[1]}]", curves)]
+        order = np.linspace(0.0, highest if rotary else highest / (2.0 * np.pi), len(power[0]))
+        curves[which] = _peaks(order, np.sqrt(sum(power) / sum(ways)))
+    _, torque, angle = views[0].words
+    return [Exhibit("diagnosis-residual-order", f"Missing {torque} that repeats with the motor's {angle}",
+                    "order [periods per turn]" if rotary else "periods per metre [1/m]",
+                    f"amplitude, rigid drive [{views[0].units[1]}]", curves)]
 
 
 def _spectrum(view: View, torque: np.ndarray, highest: float, reach: float) -> np.ndarray:

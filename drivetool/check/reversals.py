@@ -31,7 +31,7 @@ def reversals_of(views: Sequence[View]) -> list[list[Reversals]]:
     """Per record the reversals of the motor's speed and of the shaft's torque."""
     found = []
     for view in views:
-        signals = {"speed": view.speed, "shaft torque": view.shaft}
+        signals = {"speed": view.speed, f"shaft {view.words[1]}": view.shaft}
         found.append([Reversals(what, *_crossings(signal, view.pieces()))
                       for what, signal in signals.items() if signal is not None])
     return found
@@ -76,7 +76,7 @@ def around(views: Sequence[View], reversals: Sequence[Sequence[Reversals]]) -> l
                 size = np.sqrt(np.nansum(table**2, axis=0) / known)
             curves[f"mean {which}"] = (reach * step, mean)
             curves[f"size {which}"] = (reach * step, size)
-        label, unit = views[0].output.replace("_", " "), views[0].units[0]
+        label, unit = views[0].words[0], views[0].units[0]
         found.append(Exhibit(
             "diagnosis-residual-reversal", f"Error around {n} reversals of the {what}",
             f"time after the {what} changes its sign [s]", f"error of {label} [{unit}]", curves))

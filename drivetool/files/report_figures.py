@@ -74,7 +74,7 @@ def _record(exhibit: Exhibit) -> Figure:
     for which in ("before", "after"):
         _line(error, which, curves[f"residual {which}"], linewidth=0.8, **_LOOK[which])
     error.set_ylabel(f"error\n{_unit(exhibit.y)}")
-    label = next(label for label in curves if label.startswith("torque"))
+    label = next(label for label in curves if label.startswith(("torque", "force")))
     _line(torque, label, curves[label], color=INK, linewidth=0.8)
     torque.set_ylabel(label.replace(" ", "\n", 1))
     for axis in (whole, error, torque):
@@ -102,7 +102,6 @@ def _over_time(exhibit: Exhibit) -> Figure:
         size.plot(x, np.where(y > 0.0, y, np.nan), linewidth=1.2, **_LOOK[which])
     error.set_ylabel(_broken(exhibit.y))
     size.set_yscale("log")
-    size.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     size.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     size.yaxis.set_minor_locator(NullLocator())
     size.set_ylabel(f"rms over 0.1 s\n{_unit(exhibit.y)}")
@@ -115,6 +114,8 @@ def _over_time(exhibit: Exhibit) -> Figure:
     if 0 < len(marks) <= 80:
         size.plot(marks, np.zeros(len(marks)), "|", color=INK, markersize=9, markeredgewidth=1.0, clip_on=False,
                   transform=size.get_xaxis_transform(), label="reversal of the speed")
+    low, high = size.get_ylim()
+    size.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,)))
     if size.get_legend_handles_labels()[0]:
         size.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.1)
     _legend(error)
@@ -155,7 +156,7 @@ def _order(exhibit: Exhibit) -> Figure:
     around = np.array([np.median(y[max(0, k - 20):k + 21]) for k in range(len(y))])
     peak = int(np.argmax(np.where(np.arange(len(x)) > 5, y / around, 0.0)))
     if y[peak] > 4.0 * around[peak]:
-        axis.annotate(f"order {x[peak]:.3g}", (x[peak], y[peak]), xytext=(6, -2), textcoords="offset points",
+        axis.annotate(f"{x[peak]:.3g}", (x[peak], y[peak]), xytext=(6, -2), textcoords="offset points",
                       fontsize=9.5)
     axis.set_xlim(0.0, x[-1])
     axis.set_ylim(bottom=0.0)

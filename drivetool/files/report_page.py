@@ -87,10 +87,13 @@ def _pictures(diagnosis: Diagnosis) -> str:
     exhibits = [e for kind in _ORDER for e in diagnosis.exhibits if e.kind == kind]
     if not exhibits:
         return ""
-    lines = ["<h2>What it looks like</h2>"]
+    lines, explained = ["<h2>What it looks like</h2>"], set()
     for n, exhibit in enumerate(exhibits, 1):
-        lines.append(f"<figure>\n{_inline(svg(exhibit), n, exhibit.title)}\n"
-                     f"<figcaption>{escape(words.CAPTIONS[exhibit.kind])}</figcaption>\n</figure>")
+        lines.append(f"<figure>\n{_inline(svg(exhibit), n, exhibit.title)}")
+        if exhibit.kind not in explained:  # once is enough
+            lines.append(f"<figcaption>{escape(words.CAPTIONS[exhibit.kind])}</figcaption>")
+        lines.append("</figure>")
+        explained.add(exhibit.kind)
     return "\n".join(lines)
 
 
@@ -136,7 +139,7 @@ def _parameters(base: Sections, after: Sections) -> str:
         unit = (new or old).unit or ""
         rows.append((style, (f"<code>{escape(name)}</code>", _value(old), _value(new), escape(unit), status)))
     return "<h2>Parameters</h2>\n" + _table(
-        "Value +- one standard deviation", ("parameter", "before", "after", "unit", "status"), (1, 2), rows)
+        "Value &plusmn; one standard deviation", ("parameter", "before", "after", "unit", "status"), (1, 2), rows)
 
 
 def _value(entry: shapes.ParameterSection | None) -> str:

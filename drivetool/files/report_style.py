@@ -27,7 +27,8 @@ th, td { padding: 0.35rem 0.6rem 0.35rem 0; text-align: left; vertical-align: to
 th { color: var(--soft); font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.named td { font-weight: 600; } tr.faint td { color: var(--soft); }
-code { font-size: 0.92em; overflow-wrap: anywhere; }
+td:first-child { min-width: 9.5rem; } td:last-child { min-width: 7rem; }
+code { font-size: 0.92em; } p code { overflow-wrap: anywhere; } td code { white-space: nowrap; }
 figure { margin: 1.2rem 0 1.8rem; } figure svg { display: block; width: 100%; height: auto; }
 figcaption, .small { color: var(--soft); font-size: 0.88rem; }
 ul { padding-left: 1.2rem; } li { margin: 0.25rem 0; }
@@ -35,6 +36,7 @@ footer { margin-top: 2.5rem; padding-top: 0.8rem; border-top: 1px solid var(--ru
 @media print {
   body { max-width: none; padding: 0; font-size: 10pt; }
   figure, tr, .verdict, .figures div { break-inside: avoid; } h2, h3 { break-after: avoid; }
+  figure svg { max-height: 10.5cm; } figure:first-of-type svg { max-height: 17cm; }
   .scroll { overflow: visible; }
   .verdict, .figures div { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
 }
