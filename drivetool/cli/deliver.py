@@ -51,8 +51,12 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
     console.width = max(80, console.width)  # narrower, and numbers would be cut
     if hasattr(file, "verdict"):
         tables.print_validation(file, console)
-    else:
-        tables.print_estimate(file, console)
+        return
+    if file.diagnosis is not None:
+        from drivetool.files.diagnosis_table import print_diagnosis
+
+        print_diagnosis(file.diagnosis, console)
+    tables.print_estimate(file, console)
 
 
 def print_findings(file: ParameterFile | ValidationFile, stderr: bool = True) -> None:
