@@ -117,7 +117,8 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
 def _round(problem: Problem, point: Point, noise: Noise, masks: Masks, most: int,
            hold: np.ndarray | None) -> Solution:
     """Levenberg-Marquardt under frozen gains; samples that do not count have no weight."""
-    passes = filtered(problem, point, noise)
+    with np.errstate(over="ignore", invalid="ignore"):
+        passes = filtered(problem, point, noise)
     gains = [Gains(f.gains.gain, f.gains.weight * mask[:, None]) for f, mask in zip(passes, masks, strict=True)]
     solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, relative=1e-6, most=most,
                      hold=hold)

@@ -42,6 +42,7 @@ def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
             faults += found
         if "quantisation" in wanted:
             faults += _quantisation(e)
+        faults += _filtered(e, wanted)
         e, found = _channels(e, wanted)
         faults += found
         mended.append(e)
@@ -153,6 +154,14 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right.
         signals[speed] = signals[speed] / factor
     return replace(e, signals=signals), faults
+
+
+def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
+    """A speed that is its angle's rate behind a low-pass, as the reader of the record compared them."""
+    if "speed-filter" not in wanted:
+        return []
+    return [Fault("speed-filter", float(e.size) * 1e-2, f) for f in e.findings
+            if f.code == "speed-filtered" and f.text.startswith("motor")]
 
 
 def _code(factor: float, error: float, wanted: Sequence[str]) -> str | None:

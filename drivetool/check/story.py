@@ -17,7 +17,7 @@ from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
-from drivetool.errors import DriveToolError, Finding
+from drivetool.errors import DriveToolError
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
@@ -99,9 +99,7 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     estimate = estimate_of(search, before, options)
     experiment = _experiment(search, verdict)
     sentence = _sentence(verdict, causes, search, gain)
-    finding = Finding("note" if verdict == "nothing-found" else "warning", f"diagnosis-{verdict}", sentence,
-                      {"unexplained_percent": gain.unexplained_percent}, experiment)
-    found = (*[f.finding for f in search.faults], finding)
+    found = tuple(f.finding for f in search.faults)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else tuple(faults),

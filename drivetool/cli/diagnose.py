@@ -76,7 +76,8 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
     try:
-        found = diagnose(training, drive, noise=loaded.noise, sections=sections, options=options, holdout=holdout)
+        free = [name for name, section in sections.items() if section.status != "held"]
+        found = diagnose(training, drive, free, options, holdout)
     except DriveToolError:
         draw_recordings(job, training)
         raise
