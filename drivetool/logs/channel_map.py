@@ -37,8 +37,22 @@ class Rated(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str
 
 
+class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The channel that holds the time stamps; for MCAP a field, log_time or publish_time."""
+
+    channel: str
+    unit: str | None = None
+
+
 class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One role: SI value = sign * (scale * raw + offset), converted from `unit`."""
+    """One role: SI value = sign * (scale * raw + offset), converted from `unit`.
+
+    rated    what 100 % is
+    per_rev  counts per revolution, for the unit `counts`
+    wrap     the raw value at which the channel starts again, such as 65536 or 360; unwrapped first
+    time     the clock of this channel, if it is not the map's
+    shift    seconds added to its time stamps
+    """
 
     channel: str
     unit: str | None = None
@@ -46,13 +60,15 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset: float = 0.0
     sign: Literal[1, -1] = 1
     rated: Rated | None = None
+    per_rev: float | None = None
+    wrap: float | None = None
+    time: TimeEntry | str | None = None
+    shift: float = 0.0
 
-
-class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The channel that holds the time stamps."""
-
-    channel: str
-    unit: str | None = None
+    @property
+    def clock(self) -> TimeEntry | None:
+        """The entry of its own clock, if it has one."""
+        return TimeEntry(self.time) if isinstance(self.time, str) else self.time
 
 
 # One optional field per role, so that the JSON schema lists the roles and refuses others.

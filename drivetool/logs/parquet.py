@@ -22,7 +22,8 @@ TIME_NAMES = ("time", "t", "timestamp", "timestamps", "stamp", "time_stamp", "da
 _TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 
 
-def read_parquet(path: Path, sha256: str, choose: Choose, channel_map: ChannelMap | None) -> Recording:
+def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
+                 lenient: bool = False) -> Recording:
     """A wide Parquet table; only the columns asked for are read.
 
     choose   called with the names of all columns but the time; returns those to read
@@ -56,7 +57,7 @@ def read_parquet(path: Path, sha256: str, choose: Choose, channel_map: ChannelMa
     for name in wanted:
         unit = (table.schema.field(name).metadata or {}).get(b"unit")
         channels[name] = Channel(time, _numbers(table, name, path.name), unit.decode() if unit else None)
-    return Recording(path.name, sha256, channels, (), origin)
+    return Recording(path.name, "", channels, (), origin)
 
 
 def _time_column(names: list[str], channel_map: ChannelMap | None, log: str) -> str | None:
