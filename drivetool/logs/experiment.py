@@ -26,6 +26,9 @@ ROLES: Mapping[str, str] = {
     "table_angle": "angle",
 }
 
+# What is commanded, and so stays until the next value; everything else is a sensor.
+INPUTS = ("motor_torque", "motor2_torque", "load_torque")
+
 TorqueIs = Literal["command", "measurement", "unknown"]
 
 

@@ -25,7 +25,7 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
                    choose: Choose | None = None) -> Recording:
     """A log file as it was, with the channels that the roles need.
 
-    path         .parquet or .mcap
+    path         .parquet or .mcap, or a folder of the parts of a .parquet
     channel_map  which channel plays which role; None takes channels named like the roles
     choose       other channels than those of the roles: names there are -> names to read; then
                  what cannot be read is left out and said, instead of refused
@@ -33,14 +33,13 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
     raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
     """
     path = Path(path)
-    if path.is_dir():
-        raise BadRecording("a recording", f"the folder {path.name}", "Name a file in it.", READERS)
-    if path.suffix.lower() not in READERS:
+    kind = ".parquet" if path.is_dir() else path.suffix.lower()
+    if kind not in READERS:
         raise BadRecording("a recording with a known suffix", path.name,
                            "Export the log to Parquet or MCAP.", READERS)
-    if not path.is_file():
+    if not path.exists():
         raise BadRecording("a recording", f"no file {path}", "Check the path.")
-    if path.stat().st_size == 0:
+    if not path.is_dir() and path.stat().st_size == 0:
         raise BadRecording(f"data in {path.name}", "an empty file", "Record or export it again.")
     lenient = choose is not None
     if choose is None:
@@ -48,12 +47,16 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_digest, path)
-        recording = READERS[path.suffix.lower()](path, choose, channel_map, lenient)
+        recording = READERS[kind](path, choose, channel_map, lenient)
         return replace(recording, sha256=sha256.result())
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """SHA-256 of a file; of a folder, that of the digests of its parts by name."""
+    if path.is_dir():
+        parts = sorted(path.rglob("*.parquet"))
+        return hashlib.sha256("".join(f"{part.relative_to(path).as_posix()} {_digest(part)}\n"
+                                      for part in parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
