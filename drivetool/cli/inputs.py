@@ -32,6 +32,7 @@ class Job:
     strict: bool = False
     debug: bool = False
     quiet: bool = False
+    condition: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,17 @@ def open_all(job: Job) -> Opened:
     from drivetool.files.parameter_file import load_parameters
     from drivetool.files.write import check_target
     from drivetool.logs.build import open_experiment
+    from drivetool.logs.condition import parse_step
 
-    _inputs_stay(job)
+    inputs_stay(job)
     if job.out not in (None, "-"):
         check_target(job.out)
     loaded = load_parameters(job.params)
     shape = _shape(job)
     channel_map = load_channel_map(job.map)
-    experiments = tuple(open_experiment(log, channel_map) for log in job.logs)
+    for text in job.condition:
+        parse_step(text)
+    experiments = tuple(open_experiment(log, channel_map, job.condition) for log in job.logs)
     _one_kind(experiments)
     return Opened(experiments, loaded, shape)
 
@@ -126,7 +130,7 @@ def _start(word: str, drive: Drive) -> tuple[str, float]:
     return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
-def _inputs_stay(job: Job) -> None:
+def inputs_stay(job: Job) -> None:
     """Inputs are never modified, so the output must be another file."""
     inputs = [*job.logs, *job.params, *filter(None, (job.map, job.drive))]
     if job.out in (None, "-") or not os.path.exists(job.out):
