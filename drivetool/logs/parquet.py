@@ -43,7 +43,7 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
             raise BadRecording(f"samples in {path.name}", "a table without rows",
                                "Record or export it again.")
         if is_long(schema, channel_map):
-            return read_long(_read(files, None, path.name), schema, path.name, choose, channel_map, findings)
+            return read_long(_read(files, None, path.name, findings), schema, path.name, choose, channel_map, findings)
         stamps = _stamps(schema, channel_map, path.name)
         names = flat_names(schema, [each for each in stamps.values() if each])
         if channel_map:
@@ -51,10 +51,15 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
             names |= {text: steps for text in asked if text not in names for steps in [steps_of(text, schema)]
                       if steps}
         wanted = list(dict.fromkeys(choose(list(names))))
-        columns = list(dict.fromkeys([*(names[name][0] for name in wanted),
-                                      *(each.partition(".")[0] for each in stamps.values() if each)]))
-        tables = _read(files, columns, path.name)
-    return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings, lenient)
+        clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
+        columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
+        unreadable: dict[str, str] = {}
+        if lenient:
+            columns = [*clocks, *_readable(files, columns[len(set(clocks)):], unreadable)]
+            wanted = [name for name in wanted if names[name][0] in columns]
+        tables = _read(files, columns, path.name, findings)
+    return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings,
+                      unreadable if lenient else None)
 
 
 def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
@@ -93,16 +98,52 @@ def _natural(path: Path) -> list:
     return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
 
 
-def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str) -> list[pa.Table]:
-    """The columns of every file, files without rows left out."""
+def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
+          findings: list[Finding]) -> list[pa.Table]:
+    """The columns of every file, files without rows left out; damaged row groups are left out and said."""
     import pyarrow as pa
 
-    try:
-        tables = [file.read(columns=columns) for file in files]
-    except (pa.ArrowException, OSError) as problem:
-        raise BadRecording(f"readable data in {log}", str(problem)[:100],
-                           "The file is damaged; record or export it again.") from None
-    return [table for table in tables if table.num_rows] if len(tables) > 1 else tables
+    tables, lost, groups, problem = [], 0, 0, ""
+    for file in files:
+        try:
+            tables.append(file.read(columns=columns))
+            continue
+        except (pa.ArrowException, OSError) as damage:
+            problem = str(damage)[:100]
+        groups += file.num_row_groups
+        for i in range(file.num_row_groups):
+            try:
+                tables.append(file.read_row_group(i, columns=columns))
+            except (pa.ArrowException, OSError):
+                lost += 1
+    if lost:
+        findings.append(Finding(
+            "warning", "damaged-log", f"{lost} row groups of {log} are damaged ({problem}); the others are used.",
+            {"groups": lost, "of": groups}, "Record or export it again."))
+    whole = [table for table in tables if not set(columns or ()) - set(table.column_names)]
+    if len(whole) < len(tables):
+        tables, problem = whole, "names of columns that do not agree"
+    if not tables:
+        raise BadRecording(f"readable data in {log}", problem,
+                           "The file is damaged; record or export it again.")
+    return [table for table in tables if table.num_rows] or tables[:1]
+
+
+def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
+              unreadable: dict[str, str]) -> list[str]:
+    """The columns of which at least one row group can be read."""
+    import pyarrow as pa
+
+    good = []
+    for column in columns:
+        for file in files:
+            try:
+                file.read(columns=[column])
+            except (pa.ArrowException, OSError) as damage:
+                unreadable[column] = f"damaged ({str(damage)[:60]})"
+        if column not in unreadable:
+            good.append(column)
+    return good
 
 
 def _stamps(schema: pa.Schema, channel_map: ChannelMap | None, log: str) -> dict[TimeEntry | None, str | None]:
@@ -116,8 +157,11 @@ def _stamps(schema: pa.Schema, channel_map: ChannelMap | None, log: str) -> dict
 
 def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], names: dict, stamps: dict,
                channel_map: ChannelMap | None, log: str, findings: list[Finding],
-               lenient: bool) -> Recording:
-    """Columns as channels, the parts in the order of their first stamps."""
+               unreadable: dict[str, str] | None) -> Recording:
+    """Columns as channels, the parts in the order of their first stamps.
+
+    unreadable  collects columns that hold no numbers; None: they are refused
+    """
     import pyarrow as pa
 
     table = tables[0]
@@ -141,17 +185,17 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     origin = clocks[None][1]
     times = {entry: seconds + (start - origin) if entry else seconds
              for entry, (seconds, start) in clocks.items()}
-    channels, unreadable = {}, {}
+    channels = {}
     for name in wanted:
         try:
             values = numbers(table, names[name], name, log)
         except BadRecording as problem:
-            if not lenient:
+            if unreadable is None:
                 raise
             unreadable[name] = problem.found.removesuffix(f" in {log}")
             continue
         channels[name] = Channel(times[own.get(name)], values, unit_of(schema, names[name]))
-    return Recording(log, "", channels, tuple(findings), origin, unreadable)
+    return Recording(log, "", channels, tuple(findings), origin, unreadable or {})
 
 
 def _first(clock: tuple[np.ndarray, float]) -> float:
