@@ -17,8 +17,8 @@ N = 60
 SPEED = np.array([m["speed"] for m in encodings.rows(N, STEP, START)])
 
 
-def log(path, encoding="cdr", **options):
-    encodings.write(path, encoding, encodings.rows(N, STEP, START), **options)
+def log(path, encoding="cdr", n=N, **options):
+    encodings.write(path, encoding, encodings.rows(N, STEP, START)[:n], **options)
     return path.read_bytes()
 
 
@@ -71,10 +71,9 @@ def test_cut_at_some_bytes(tmp_path, layout, encoding):
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)
 def test_cut_at_every_byte(tmp_path, layout, encoding):
-    raw = log(tmp_path / "a.mcap", encoding, **LAYOUTS[layout])
+    raw = log(tmp_path / "a.mcap", encoding, 12, **LAYOUTS[layout])
     ends = message_ends(raw)
-    # A prime step over several seeds covers every kind of byte in a few minutes.
-    for cut in range(1 + len(encoding), len(raw), 5):
+    for cut in range(1, len(raw)):
         check_cut(tmp_path / "a.mcap", raw, cut, ends)
 
 
@@ -93,12 +92,12 @@ def check_packed_cut(path, raw, cut, before):
     return len(values)
 
 
-def cuts_of_packed(path, compression, cuts):
-    raw = log(path, "cdr", compression=compression, chunk=2000)
+def cuts_of_packed(path, compression, cuts, n=N):
+    raw = log(path, "cdr", n, compression=compression, chunk=500)
     before = 0
     for cut in sorted(cuts(len(raw))):
         before = check_packed_cut(path, raw, cut, before)
-    assert before == N
+    assert before == n
 
 
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
@@ -110,7 +109,7 @@ def test_cut_packed_chunks_at_some_bytes(tmp_path, compression):
 @pytest.mark.fuzz
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_cut_packed_chunks_at_every_byte(tmp_path, compression):
-    cuts_of_packed(tmp_path / "a.mcap", compression, lambda size: range(1, size, 3))
+    cuts_of_packed(tmp_path / "a.mcap", compression, lambda size: range(1, size), 12)
 
 
 def test_a_wrong_checksum_costs_its_chunk(tmp_path):

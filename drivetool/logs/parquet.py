@@ -43,7 +43,8 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
             raise BadRecording(f"samples in {path.name}", "a table without rows",
                                "Record or export it again.")
         if is_long(schema, channel_map):
-            return read_long(_read(files, None, path.name, findings), schema, path.name, choose, channel_map, findings)
+            tables = _read(files, None, path.name, findings)
+            return read_long(tables, schema, path.name, choose, channel_map, findings)
         stamps = _stamps(schema, channel_map, path.name)
         names = flat_names(schema, [each for each in stamps.values() if each])
         if channel_map:

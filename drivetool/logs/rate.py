@@ -26,19 +26,17 @@ def average(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -
     known = np.isfinite(values)
     time, values = time[known], values[known]
     own = median_step(time)
-    length = np.append(np.diff(time), own)
-    used = np.minimum(length, GAP_STEPS * own)
-    edges = np.append(time, time[-1] + own)
-    # What an overlong hold does not cover is missing.
-    impulse = np.concatenate([[0.0], np.cumsum(np.where(length > used, np.nan_to_num(values) * used,
-                                                        values * length))])
-    covered = np.concatenate([[0.0], np.cumsum(used)])
+    # Held until the next sample, but not for longer than an input may be old.
+    used = np.minimum(np.append(np.diff(time), own), GAP_STEPS * own)
+    edges = np.column_stack([time, time + used]).ravel()
 
-    def between(integral):
-        return np.interp(at + step, edges, integral) - np.interp(at, edges, integral)
+    def integral(slope):
+        total = np.cumsum(slope * used)
+        rising = np.column_stack([total - slope * used, total]).ravel()
+        return np.interp(at + step, edges, rising) - np.interp(at, edges, rising)
 
-    share = between(covered) / step
-    return np.where(share > 0.999, between(impulse) / step, np.nan)
+    share = integral(np.ones(len(time))) / step
+    return np.where(share > 0.999, integral(values) / step, np.nan)
 
 
 def low_passed(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
