@@ -14,6 +14,7 @@ from drivetool.logs import field_path
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.mcap import layout
+from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.ros import cdr_walk
 from drivetool.logs.mcap.source import Source
 from drivetool.logs.mcap.topics import open_topic
@@ -218,8 +219,8 @@ def test_cdr_of_both_byte_orders_and_versions():
         message = head + struct.pack(f"{order}B{pad}xdIBBhh2xI3s?", 7, -1.5, 2, 3, 4, -5, 6, 3, b"ab\0", True)
         walk, _ = cdr_walk("t/T", text)
         columns = layout.Columns(walk, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
-        data = np.frombuffer(message, np.uint8)
-        found, good = columns.read(data, np.array([0]), np.array([len(message)]))
+        places = Places.of(np.frombuffer(message, np.uint8), np.array([0]))
+        found, good = columns.read(places, np.array([len(message)]))
         assert good.all() and [column[0] for column in found] == [7, -1.5, 4, -5, 1]
 
 
@@ -239,8 +240,8 @@ def test_a_broken_message_is_left_out_and_said(tmp_path):
         source = Source(tmp_path / "a.mcap")
         fields = open_topic(source.topics["/drive"])
         block = next(source.blocks())
-        _, starts, lengths = block.of([1])
+        _, places, lengths = block.of([1])
         lengths[40] -= 5
-        (torque,), good = fields.columns([("torque",)]).read(block.records.data, starts, lengths)
+        (torque,), good = fields.columns([("torque",)]).read(places, lengths)
         assert list(np.flatnonzero(~good)) == [40]
         np.testing.assert_array_equal(torque[good], [m["torque"] for k, m in enumerate(messages) if k != 40])

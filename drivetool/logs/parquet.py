@@ -55,10 +55,14 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
         clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
         columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
         unreadable: dict[str, str] = {}
-        if lenient:
+        lost: list[Finding] = []
+        tables = _read(files, columns, path.name, lost, lenient)
+        if lost and lenient:
+            # One damaged column must not cost the rows of the others.
             columns = [*clocks, *_readable(files, columns[len(set(clocks)):], unreadable)]
-            wanted = [name for name in wanted if names[name][0] in columns]
-        tables = _read(files, columns, path.name, findings)
+            wanted, lost = [name for name in wanted if names[name][0] in columns], []
+            tables = _read(files, columns, path.name, lost)
+        findings += lost
     return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings,
                       unreadable if lenient else None)
 
@@ -100,8 +104,11 @@ def _natural(path: Path) -> list:
 
 
 def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
-          findings: list[Finding]) -> list[pa.Table]:
-    """The columns of every file, files without rows left out; damaged row groups are left out and said."""
+          findings: list[Finding], lenient: bool = False) -> list[pa.Table]:
+    """The columns of every file, files without rows left out; damaged row groups are left out and said.
+
+    raises  BadRecording: nothing is left, unless lenient
+    """
     import pyarrow as pa
 
     tables, lost, groups, problem = [], 0, 0, ""
@@ -124,7 +131,7 @@ def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
     whole = [table for table in tables if not set(columns or ()) - set(table.column_names)]
     if len(whole) < len(tables):
         tables, problem = whole, "names of columns that do not agree"
-    if not tables:
+    if not tables and not lenient:
         raise BadRecording(f"readable data in {log}", problem,
                            "The file is damaged; record or export it again.")
     return [table for table in tables if table.num_rows] or tables[:1]
@@ -132,19 +139,16 @@ def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
 
 def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
               unreadable: dict[str, str]) -> list[str]:
-    """The columns of which at least one row group can be read."""
+    """The columns without damage; the others and why go into `unreadable`."""
     import pyarrow as pa
 
-    good = []
-    for column in columns:
-        for file in files:
+    for file in files:
+        for column in columns:
             try:
                 file.read(columns=[column])
             except (pa.ArrowException, OSError) as damage:
                 unreadable[column] = f"damaged ({str(damage)[:60]})"
-        if column not in unreadable:
-            good.append(column)
-    return good
+    return [column for column in columns if column not in unreadable]
 
 
 def _stamps(schema: pa.Schema, channel_map: ChannelMap | None, log: str) -> dict[TimeEntry | None, str | None]:

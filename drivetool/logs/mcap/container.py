@@ -17,8 +17,10 @@ from drivetool.logs.mcap.places import Places
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
 _LENGTH = struct.Struct("<Q")
-_HEAD = np.dtype([("code", "u1"), ("length", "<u8")])
+_RECORD = np.dtype([("code", "u1"), ("length", "<u8")])
+# What every message begins with.
 HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
+HEAD = HEADS.itemsize
 # A run of records of one length is looked for after so many of them.
 _ALIKE = 4
 
@@ -80,7 +82,7 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
         places.append(at)
         at = after
     begin = np.concatenate([*parts, np.array(places, np.int64)])
-    seen = Places.of(data, begin).read(0, _HEAD)
+    seen = Places.of(data, begin).read(0, _RECORD)
     # No record has the code 0: from there on it is not records.
     nothing = np.flatnonzero(seen["code"] == 0)
     if len(nothing):
@@ -97,7 +99,7 @@ def _run(data: np.ndarray, at: int, length: int) -> int:
     while count < there:
         part = min(look, there - count)
         begin = at + count * stride
-        seen = np.ndarray((part,), _HEAD, data, begin, (stride,))
+        seen = np.ndarray((part,), _RECORD, data, begin, (stride,))
         same = (seen["code"] == code) & (seen["length"] == size)
         if not same.all():
             return count + int(np.argmin(same))
@@ -154,11 +156,3 @@ def text_at(content: memoryview, at: int) -> tuple[str, int]:
     if at + 4 + length > len(content):
         raise ValueError("text beyond its record")
     return bytes(content[at + 4:at + 4 + length]).decode(), at + 4 + length
-
-
-def heads(records: Records, chosen: np.ndarray) -> np.ndarray:
-    """The heads of messages as a structured array: channel, sequence, log_time, publish_time.
-
-    chosen  (m,) indices of message records of at least 22 bytes
-    """
-    return Places.of(records.data, records.start[chosen]).read(0, HEADS)

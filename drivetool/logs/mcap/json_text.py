@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from drivetool.logs.field_path import Path, Where, find
+from drivetool.logs.mcap.places import Places
 
 _NUMBER = bool | int | float | None
 
@@ -37,12 +38,11 @@ class JsonColumns:
         kind, self._read = _typed(self._paths)
         self._decoder = msgspec.json.Decoder(list[kind])
 
-    def read(self, data: np.ndarray, starts: np.ndarray,
-             lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """The numbers of the messages at `starts` (n,) with `lengths` (n,) in `data`; see layout.Columns."""
-        view = memoryview(data)
-        ends = (starts + lengths).tolist()
-        texts = [view[first:last] for first, last in zip(starts.tolist(), ends, strict=True)]
+    def read(self, places: Places, lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """The numbers of the messages at n places with `lengths` (n,); see layout.Columns."""
+        view = memoryview(places.data)
+        ends = (places.starts + lengths).tolist()
+        texts = [view[first:last] for first, last in zip(places.starts.tolist(), ends, strict=True)]
         try:
             messages = self._decoder.decode(b"[" + b",".join(texts) + b"]")
         except (msgspec.DecodeError, RecursionError):

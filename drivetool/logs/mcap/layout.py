@@ -114,21 +114,23 @@ class Columns:
         self._walk, self._paths = walk, paths
         self._known: list[Layout] = []
 
-    def read(self, data: np.ndarray, starts: np.ndarray,
-             lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """The numbers of the messages at `starts` (n,) with `lengths` (n,) in `data`.
+    def read(self, places: Places, lengths: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """The numbers of the messages at n places with `lengths` (n,).
 
         returns  per path (n,) integers where all are, else floats with NaN where there is none;
                  (n,) whether the message could be read
         """
-        count = len(starts)
-        columns: list[np.ndarray | None] = [None] * len(self._paths)
+        count, data, starts = len(lengths), places.data, places.starts
         good = np.ones(count, bool)
+        for layout in self._known[:1]:  # nearly always the only one
+            if np.all(lengths == layout.length) and layout.fits(places).all():
+                return [_values(places, leaf) for leaf in layout.leaves], good
+        columns: list[np.ndarray | None] = [None] * len(self._paths)
 
         def put(here, layout):
-            places = Places.of(data, starts[here])
+            there = Places.of(data, starts[here])
             for i, leaf in enumerate(layout.leaves):
-                columns[i] = _put(columns[i], count, here, _values(places, leaf))
+                columns[i] = _put(columns[i], count, here, _values(there, leaf))
 
         todo, learnt, fitted = np.arange(count), 0, 0
         for layout in self._known:
@@ -209,10 +211,8 @@ def _words(message: bytes, mask: bytearray) -> tuple[tuple[int, str, int, int], 
         at = first + size
 
 
-def _put(column: np.ndarray | None, count: int, here: np.ndarray, values: np.ndarray | None) -> np.ndarray:
+def _put(column: np.ndarray | None, count: int, here: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The column with values at some places; what has no value is NaN, and makes all of it floats."""
-    if values is None:
-        values = np.full(len(here), np.nan)
     if len(here) == count:
         return values
     if column is None:
@@ -223,17 +223,17 @@ def _put(column: np.ndarray | None, count: int, here: np.ndarray, values: np.nda
     return column
 
 
-def _values(places: Places, leaf: Leaf | Default | None) -> np.ndarray | None:
-    """(n,) floats or whole numbers at a leaf of every message."""
+def _values(places: Places, leaf: Leaf | Default | None) -> np.ndarray:
+    """(n,) floats or whole numbers at a leaf of every message; NaN if there is none."""
     if leaf is None:
-        return None
+        return np.full(len(places.starts), np.nan)
     if isinstance(leaf, Default):
         return np.full(len(places.starts), leaf.value)
     if leaf.kind in VARINTS:
         return _varints(places.rows(leaf.offset, leaf.size), leaf.kind)
     values = places.read(leaf.offset, leaf.kind)
     if values.dtype.kind == "f":
-        return values.astype(float)
+        return values.astype(float, copy=False)
     return _signed(values) if values.dtype.kind == "u" else values.astype(np.int64)
 
 

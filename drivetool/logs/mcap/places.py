@@ -24,7 +24,7 @@ class Places:
         """The places, and whether they are at equal distances."""
         stride = int(starts[1] - starts[0]) if len(starts) > 2 else 0
         if stride <= 0 or starts[-1] - starts[0] != stride * (len(starts) - 1) or \
-                not np.all(np.diff(starts) == stride):
+                not np.all(starts[1:] - starts[:-1] == stride):
             stride = 0
         return cls(data, starts, stride)
 

@@ -139,13 +139,13 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
     broken: Counter[str] = Counter()
     for block in source.blocks():
         for part, reader, collected in zip(parts, readers, pieces, strict=True):
-            mine, starts, lengths = block.of(source.topics[part.topic].channels)
-            if not len(mine):
+            mine, places, lengths = block.of(source.topics[part.topic].channels)
+            if not len(lengths):
                 continue
-            columns, good = reader.read(block.records.data, starts, lengths)
+            columns, good = reader.read(places, lengths)
             named = part.stamp.channel if part.stamp else LOG_TIME
             if named in NAMED:
-                columns = [*columns, block.head[named][mine].astype(np.int64)]
+                columns = [*columns, block.head[named][mine].view(np.int64)]
             if not good.all():
                 broken[part.topic] = broken[part.topic] + int(np.sum(~good))
                 columns = [column[good] for column in columns]

@@ -14,7 +14,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 from drivetool.logs.mcap import container
-from drivetool.logs.mcap.container import CHANNEL, CHUNK, MESSAGE, SCHEMA, Records
+from drivetool.logs.mcap.container import CHANNEL, CHUNK, HEAD, MESSAGE, SCHEMA, Records
+from drivetool.logs.mcap.places import Places
 
 # Unpacked chunks up to this size are kept from the first pass to the second.
 KEPT = 1 << 28
@@ -48,19 +49,27 @@ class Topic:
 class Block:
     """Messages of one chunk, in the order of the file.
 
-    records  where they lie; which (n,) of them are messages
-    head     (n,) structured: channel, sequence, log_time, publish_time
+    places  where they begin, with their heads; lengths (n,) of their contents
+    head    (n,) structured: channel, sequence, log_time, publish_time
     """
 
-    records: Records
-    which: np.ndarray
+    places: Places
+    lengths: np.ndarray
     head: np.ndarray
 
-    def of(self, channels: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(places among the messages, starts, lengths) of what the channels said."""
-        mine = np.flatnonzero(_among(self.head["channel"], channels))
-        chosen = self.which[mine]
-        return mine, self.records.start[chosen] + 22, self.records.length[chosen] - 22
+    def of(self, channels: list[int]) -> tuple[slice | np.ndarray, Places, np.ndarray]:
+        """(which of the messages, places and lengths of their contents) of what the channels said."""
+        mine = _among(self.head["channel"], channels)
+        data, starts = self.places.data, self.places.starts
+        if mine.all():
+            return slice(None), Places(data, starts + HEAD, self.places.stride), self.lengths
+        which = np.flatnonzero(mine)
+        return which, Places.of(data, starts[which] + HEAD), self.lengths[which]
+
+    def content(self, index: int) -> bytes:
+        """The content of one message."""
+        first = int(self.places.starts[index]) + HEAD
+        return self.places.data[first:first + int(self.lengths[index])].tobytes()
 
 
 class Source:
@@ -72,6 +81,7 @@ class Source:
         self.topics: dict[str, Topic] = {}
         self._schemas: dict[int, Schema] = {0: Schema()}
         self._channels: dict[int, Topic] = {}
+        self._described = np.zeros(1 << 16, bool)
         self._kept: list[Block] | None = []
         with path.open("rb") as file:
             self._bytes = np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
@@ -84,7 +94,7 @@ class Source:
         kept, size = [], 0
         for block in self._read(self.damage):
             self._count(block)
-            size += len(block.records.data)
+            size += len(block.places.data)
             if self._kept is not None:
                 kept.append(block)
             if size > KEPT:
@@ -137,15 +147,16 @@ class Source:
 
     def _block(self, records: Records, which: np.ndarray, damage: list[str]) -> Block:
         """Messages with a whole head and a known channel."""
-        whole = records.length[which] >= 22
+        whole = records.length[which] >= HEAD
         if not whole.all():
             damage.append("messages without a head")
             which = which[whole]
-        head = container.heads(records, which) if len(which) else np.zeros(0, container.HEADS)
-        known = _among(head["channel"], list(self._channels))
-        if not known.all():
+        everything = len(which) == len(records.start)
+        places = Places.of(records.data, records.start if everything else records.start[which])
+        head = places.read(0, container.HEADS)
+        if not self._described[head["channel"]].all():
             damage.append("messages of a channel that is nowhere described")
-        return Block(records, which, head)
+        return Block(places, (records.length if everything else records.length[which]) - HEAD, head)
 
     def _learn(self, code: int, content: memoryview, damage: list[str]) -> None:
         """Remember a schema or a channel."""
@@ -177,20 +188,24 @@ class Source:
         topic = self.topics.setdefault(name, Topic(name, encoding, schema, metadata))
         topic.channels.append(number)
         self._channels[number] = topic
+        self._described[number] = True
 
     def _count(self, block: Block) -> None:
         """Count messages per topic, and take one of each as a sample."""
         numbers = block.head["channel"]
-        counts = np.bincount(numbers)
-        for number in np.flatnonzero(counts).tolist():
+        if not len(numbers):
+            return
+        one = bool(np.all(numbers == numbers[0]))
+        counts = {int(numbers[0]): len(numbers)} if one else dict(enumerate(np.bincount(numbers).tolist()))
+        for number, count in counts.items():
             topic = self._channels.get(number)
-            if topic is None:
+            if topic is None or not count:
                 continue
-            topic.count += int(counts[number])
+            topic.count += count
             if len(topic.samples) < SAMPLES:
-                mine = block.which[numbers == number]
-                _, first = np.unique(block.records.length[mine], return_index=True)
-                topic.samples += [bytes(block.records.content(index)[22:])
+                mine = np.flatnonzero(numbers == number)
+                _, first = np.unique(block.lengths[mine], return_index=True)
+                topic.samples += [block.content(index)
                                   for index in mine[np.sort(first)][:SAMPLES - len(topic.samples)]]
 
     def _note_end(self) -> None:

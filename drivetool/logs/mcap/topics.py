@@ -25,7 +25,7 @@ class Fields:
     listed   paths of its numbers
     trees    samples of its messages
     unit     path -> unit as the file notes it, or None
-    columns  paths -> reader of columns, with a method read(data, starts, lengths)
+    columns  paths -> reader of columns, with a method read(places, lengths)
     """
 
     name: str
