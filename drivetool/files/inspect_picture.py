@@ -27,10 +27,14 @@ def panels(exhibit: Exhibit) -> Figure:
     axes[0].set_title(exhibit.title, pad=18)
     for axis, label in zip(axes, main, strict=False):
         time, values = exhibit.curves[label]
-        axis.plot(*decimated(time, values), color=INK, linewidth=0.8)
+        # Stretch by stretch, or the thinned line would run across the gaps.
+        begins = exhibit.curves.get(f"gaps {label}", np.zeros((2, 0)))[1]
+        for stretch in np.split(np.arange(len(time)), np.searchsorted(time, begins)):
+            axis.plot(*decimated(time[stretch], values[stretch]), color=INK, linewidth=0.8)
         # A name can be long and the panel is low: it stands above its panel.
         axis.text(0.0, 1.03, label.strip(), transform=axis.transAxes, fontsize=8, va="bottom")
         axis.locator_params(axis="y", nbins=3)
+        axis.yaxis.set_major_formatter("{x:.4g}")
         axis.margins(x=0.01)
         if (spikes := exhibit.curves.get(f"spikes {label}")) is not None:
             axis.plot(*spikes, "o", color=RED, markersize=3, label=f"{len(spikes[0])} spikes")

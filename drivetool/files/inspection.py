@@ -94,17 +94,22 @@ def _section(report: ChannelReport) -> ChannelSection:
 
 
 def print_inspection(file: InspectionFile, console: Console) -> None:
-    """One row per channel, then what a step would get."""
+    """One row per channel below its topic, then what a step would get."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
-    table.add_column("channel", overflow="fold", min_width=14)
-    table.add_column("role", overflow="fold", min_width=6)
+    table.add_column("channel", overflow="fold", min_width=12)
+    table.add_column("role", overflow="fold", max_width=8)
     table.add_column("unit", overflow="fold")
-    for title in ("Hz", "samples", "least", "greatest", "step", "gaps", "spikes", "missing"):
+    for title in ("Hz", "samples", "range", "step", "gaps", "spikes", "lost"):
         table.add_column(title, justify="right", no_wrap=True)
+    topic = ""
     for each in file.channels:
-        cells = (each.name, each.role or "-", each.unit or "?", _short(each.rate, 5), str(each.samples),
-                 _short(each.range[0]), _short(each.range[1]), _short(each.quantum or None, 3),
-                 str(each.gaps), str(each.spikes), str(each.missing + each.lost))
+        own, dot, field = each.name.partition(".") if each.name.startswith("/") else ("", "", each.name)
+        if dot and own != topic:
+            table.add_row(Text(own))
+        topic = own
+        cells = (f"  {field}" if dot else field, each.role or "-", each.unit or "?", _short(each.rate),
+                 str(each.samples), f"{_short(each.range[0], 3)}..{_short(each.range[1], 3)}",
+                 _short(each.quantum or None, 2), str(each.gaps), str(each.spikes), str(each.missing + each.lost))
         table.add_row(*map(Text, cells), style="" if each.role else "dim")
     console.print(table)
     for name, why in file.unreadable.items():
@@ -119,7 +124,9 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
 
 
 def _short(value: float | None, digits: int = 4) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"
+    """A number in a few digits, its exponent without what only costs width."""
+    text = "-" if value is None else f"{value:.{digits}g}"
+    return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
 
 
 def exhibit(found: Inspection) -> Exhibit:
@@ -135,8 +142,7 @@ def exhibit(found: Inspection) -> Exhibit:
         label = f"{report.role or report.name} [{report.unit or '?'}]"
         while label in curves:
             label += " "
-        after = [int(np.searchsorted(time, begin, side="right")) for begin, _ in report.gaps]
-        curves[label] = np.insert(time, after, time[np.array(after, int) - 1]), np.insert(values, after, np.nan)
+        curves[label] = time, values
         if len(report.spikes):
             curves[f"spikes {label}"] = time[report.spikes], values[report.spikes]
         if report.gaps:

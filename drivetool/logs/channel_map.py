@@ -21,6 +21,7 @@ Without `unit` the unit noted in the log is taken. A value in % (or in 1, per un
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -234,6 +235,13 @@ def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, lo
         name = resolve(entry.channel, available)
         if name is None:
             raise BadRecording(f"channel '{entry.channel}' for {role}", f"no such channel in {log}",
-                               nearest(entry.channel, available), available)
+                               _meant(entry.channel, available), available)
         chosen[role] = name
     return chosen
+
+
+def _meant(name: str, available: Iterable[str]) -> str:
+    """The sentence that suggests a channel by its full name or by its field; all of them are listed already."""
+    by_field = {channel.partition(".")[2] or channel: channel for channel in available}
+    close = difflib.get_close_matches(name, [*available, *by_field], n=1, cutoff=0.6)
+    return f"Did you mean '{by_field.get(close[0], close[0])}'?" if close else "Name one of those."

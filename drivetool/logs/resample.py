@@ -199,9 +199,10 @@ def _lost_finding(grid: Grid, log: str) -> Finding:
 
 def _gap_finding(grid: Grid, time: np.ndarray, log: str) -> Finding:
     lengths = np.diff(time)[grid.gaps]
+    often = "once" if len(lengths) == 1 else f"{len(lengths)} times"
     return Finding("warning", "gaps",
-                   f"{log} is interrupted {len(lengths)} times, for up to {lengths.max():.4g} s; it is used "
-                   f"as {len(lengths) + 1} segments.",
+                   f"{log} is interrupted {often}, for up to {lengths.max():.4g} s; it is used as "
+                   f"{len(lengths) + 1} segments.",
                    {"gaps": len(lengths), "longest": float(lengths.max()),
                     "first_at": float(time[grid.gaps[0]])},
                    "Check the recorder for overload.")
