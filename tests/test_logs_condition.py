@@ -11,9 +11,8 @@ from drivetool.logs.build import build_experiment, open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.condition import condition, parse_step
 from drivetool.logs.experiment import Channel, Experiment, Recording
-from drivetool.logs.inspect import held
 from drivetool.logs.rate import average, low_passed
-from drivetool.logs.spikes import despiked, quantum
+from drivetool.logs.spikes import despiked, held, quantum
 from drivetool.logs.wrap import looks_wrapped, unwrap
 from tests.test_logs_parquet import wide
 
@@ -205,6 +204,9 @@ def test_repeated_values_are_told():
     speed, _ = motion()
     assert held(np.repeat(speed[::4], 4)) == 4 and held(speed) == 1
     assert held(np.round(speed, 1)) == 1 and held(np.zeros(500)) == 1
+    slow = np.repeat(speed[::4], 4)
+    found = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, slow, "rad/s")))
+    assert codes(found) == ["held-samples"] and "at 250 Hz and was logged at 1000 Hz" in found.findings[0].text
 
 
 # --- conditioning

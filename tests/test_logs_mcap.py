@@ -13,7 +13,7 @@ from drivetool.errors import BadRecording
 from drivetool.logs import field_path
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.mcap import layout
+from drivetool.logs.mcap import layout, source
 from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.ros import cdr_walk
 from drivetool.logs.mcap.source import Source
@@ -237,11 +237,40 @@ def test_a_broken_message_is_left_out_and_said(tmp_path):
     messages = encodings.rows(80, STEP, START)
     for encoding in ("cdr", "protobuf", "ros1"):
         encodings.write(tmp_path / "a.mcap", encoding, messages, chunked=False)
-        source = Source(tmp_path / "a.mcap")
-        fields = open_topic(source.topics["/drive"])
-        block = next(source.blocks())
+        opened = Source(tmp_path / "a.mcap")
+        fields = open_topic(opened.topics["/drive"])
+        block = next(opened.blocks())
         _, places, lengths = block.of([1])
         lengths[40] -= 5
         (torque,), good = fields.columns([("torque",)]).read(places, lengths)
         assert list(np.flatnonzero(~good)) == [40]
         np.testing.assert_array_equal(torque[good], [m["torque"] for k, m in enumerate(messages) if k != 40])
+
+
+def test_files_that_do_not_fit_into_memory_are_read_twice(tmp_path, monkeypatch):
+    encodings.write(tmp_path / "a.mcap", "cdr", encodings.rows(300, STEP, START))
+    once = everything(tmp_path / "a.mcap")
+    monkeypatch.setattr(source, "KEPT", 3000)
+    twice = everything(tmp_path / "a.mcap")
+    for name, channel in once.channels.items():
+        assert channel.values.tobytes() == twice.channels[name].values.tobytes()
+
+
+STEPS = st.lists(st.from_regex(r"[a-z_]{1,5}", fullmatch=True) | st.integers(0, 99)
+                 | st.builds(field_path.Where, st.just("name"), st.from_regex(r"[a-z0-9 .]{1,5}", fullmatch=True)))
+
+
+@given(st.from_regex(r"[a-z]{1,5}", fullmatch=True), STEPS)
+def test_paths_are_written_as_they_are_read(first, steps):
+    path = tuple(step if not isinstance(step, field_path.Where) else field_path.Where("name", step.value.strip())
+                 for step in (first, *steps))
+    assert field_path.parse(field_path.text_of(path)) == path
+
+
+def test_elements_of_lists_of_messages():
+    tree = {"axes": [{"name": "x", "torque": 1.0}, {"name": "y", "torque": 2.0}], "other": [3.0, 4.0]}
+    listed = [field_path.text_of(path) for path in field_path.paths(tree, lambda v: isinstance(v, float))]
+    assert listed == ["axes[name=x].torque", "axes[name=y].torque", "other[0]", "other[1]"]
+    assert field_path.find(tree, field_path.parse("axes[name=y].torque")) == 2.0
+    assert field_path.find(tree, field_path.parse("axes[name=z].torque")) is None
+    assert field_path.parse("a[") is None and field_path.parse("a[x]") is None and field_path.parse("") is None

@@ -13,7 +13,7 @@ from drivetool.logs.channel_map import ChannelMap, RoleEntry, resolve
 from drivetool.logs.clock import clean_clock, fit_grid, median_step
 from drivetool.logs.experiment import ROLES, Channel, Experiment, Recording
 from drivetool.logs.read import read_recording
-from drivetool.logs.spikes import despiked, quantum
+from drivetool.logs.spikes import despiked, held, quantum
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,6 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
             clock = clocks[id(channel.time)] = _clock(channel.time, name, recording.name)
         role = roles.get(name)
         reports.append(_report(name, channel, role, clock, _unit(channel, role, channel_map)))
-    findings = [*findings, *(held for report in reports for held in _held_finding(report))]
     experiment, refused = None, ""
     try:
         experiment = build_experiment(recording, channel_map)
@@ -170,33 +169,3 @@ def _report(name: str, channel: Channel, role: str | None, clock: _Clock, unit: 
         clock.rate, clock.jitter,
         float(finite.min()) if len(finite) else None, float(finite.max()) if len(finite) else None,
         clock.gaps, clock.lost, quantum(values), np.flatnonzero(spikes), held(values), clock.told)
-
-
-def held(values: np.ndarray) -> int:
-    """How often every value appears in a row; 1 where values just happen to repeat.
-
-    values  (n,), NaN where missing. Held means: nearly all runs are of one length, and the values
-            change by more than single quantisation steps between them
-    """
-    values = values[np.isfinite(values)]
-    change = np.flatnonzero(np.diff(values) != 0)
-    if len(change) < 20:
-        return 1
-    runs = np.diff(change)
-    usual = int(np.median(runs))
-    steps = np.abs(np.diff(values))[change]
-    step = quantum(values)
-    if usual < 2 or np.mean(np.abs(runs - usual) <= 0.1 * usual) < 0.9 or (step and np.median(steps) < 3 * step):
-        return 1
-    return usual
-
-
-def _held_finding(report: ChannelReport) -> list[Finding]:
-    """A channel that is logged faster than it is updated."""
-    if report.held < 2 or report.rate is None or (report.role or "").endswith("torque"):
-        return []
-    return [Finding(
-        "warning", "held-samples", f"{report.name} repeats every value {report.held} times: it comes at "
-        f"{report.rate / report.held:.4g} Hz and was logged at {report.rate:.4g} Hz, up to "
-        f"{1e3 * (report.held - 1) / report.rate:.3g} ms late.", {"channel": report.name, "repeats": report.held},
-        "Log it at its own rate, or with the time stamp of the sensor.")]

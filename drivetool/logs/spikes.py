@@ -1,4 +1,4 @@
-"""Samples that stand out of their neighbourhood."""
+"""What single samples tell: spikes, the step of quantisation, values that are only repeated."""
 
 from __future__ import annotations
 
@@ -73,3 +73,21 @@ def quantum(values: np.ndarray) -> float:
         if float(np.mean(off < 0.05)) * len(small) / len(change) > 0.95:
             return step
     return 0.0
+
+
+def held(values: np.ndarray) -> int:
+    """How often every value appears in a row; 1 where values just happen to repeat.
+
+    values  (n,), NaN where missing. Held means: nearly all runs are of one length, and the values
+            change by more than single quantisation steps between them
+    """
+    values = values[np.isfinite(values)]
+    change = np.flatnonzero(values[1:] != values[:-1])
+    if len(change) < 20:
+        return 1
+    runs = np.diff(change)
+    usual = int(np.median(runs))
+    if usual < 2 or np.mean(np.abs(runs - usual) <= 0.1 * usual) < 0.9:
+        return 1
+    step = quantum(values)
+    return 1 if step and np.median(np.abs(np.diff(values))[change]) < 3 * step else usual
