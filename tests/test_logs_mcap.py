@@ -224,6 +224,16 @@ def test_cdr_of_both_byte_orders_and_versions():
         assert good.all() and [column[0] for column in found] == [7, -1.5, 4, -5, 1]
 
 
+def test_json_values_of_changing_kind(tmp_path):
+    messages = encodings.rows(60, STEP, START)
+    for k, value in enumerate([[1, 2], "3", True, None, {"a": 1}], 7):
+        messages[k]["torque"] = value
+    encodings.write(tmp_path / "a.mcap", "json", messages)
+    found = everything(tmp_path / "a.mcap").channels["/drive.torque"].values
+    np.testing.assert_array_equal(found[5:13], [messages[5]["torque"], messages[6]["torque"], np.nan, np.nan, 1.0,
+                                                np.nan, np.nan, messages[12]["torque"]])
+
+
 def test_samples_teach_lists_that_begin_empty(tmp_path):
     messages = encodings.rows(200, STEP, START)
     for message in messages[:100]:

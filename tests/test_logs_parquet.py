@@ -98,6 +98,16 @@ def test_long_keeps_the_clock_of_every_channel(tmp_path):
     np.testing.assert_array_equal(found.channels["b"].values, [10, 20])
 
 
+def test_long_has_one_time_column_and_a_map_may_mean_the_columns(tmp_path):
+    write_long(tmp_path / "a.parquet")
+    with pytest.raises(BadRecording, match=r"one time column.*`time` at motor_torque"):
+        read_recording(tmp_path / "a.parquet", ChannelMap.from_mapping(
+            {"schema": SCHEMA, "roles": {"motor_torque": {"channel": "motor_torque", "time": "time"}}}))
+    found = read_recording(tmp_path / "a.parquet", ChannelMap.from_mapping(
+        {"schema": SCHEMA, "roles": {"motor_torque": "value"}}))
+    assert len(found.channels["value"].values) == 3 * N
+
+
 def test_lists_that_are_too_short_are_missing_values(tmp_path):
     lists = pa.array([[1.0, 2.0], [], None, [3.0], [4.0, 5.0, 6.0]])
     pq.write_table(pa.table({"t": np.arange(5.0), "x": lists}), tmp_path / "a.parquet")

@@ -23,9 +23,14 @@ UNIT_NAMES = ("unit", "units")
 
 
 def is_long(schema: pa.Schema, channel_map: ChannelMap | None) -> bool:
-    """Whether a table has one row per value: texts under a name for channels, and one column of values."""
+    """Whether a table has one row per value: texts under a name for channels, and one column of values.
+
+    A map that names columns of the table means them, whatever they are called.
+    """
     import pyarrow as pa
 
+    if channel_map and any(entry.channel in schema.names for entry in channel_map.roles.values()):
+        return False
     channel, value = _named(schema, CHANNEL_NAMES), _named(schema, VALUE_NAMES)
     if channel is None or value is None:
         return False
@@ -39,9 +44,15 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
     """The channels of a long table, each on its own clock; rows of one channel in their order.
 
     A column called `unit` gives the units.
+
+    raises  BadRecording: no time column, values that are no numbers, a role with a clock of its own
     """
     import pyarrow as pa
 
+    own = [role for role, entry in (channel_map.roles if channel_map else {}).items() if entry.clock]
+    if own:
+        raise BadRecording(f"one time column for all channels of {log}, which has a row per value",
+                           f"`time` at {', '.join(own)} in the channel map", "Leave it out there.")
     table = pa.concat_tables(tables, promote_options="permissive")
     stamp = time_column(schema, channel_map.time if channel_map else None, log)
     if stamp is None:

@@ -99,8 +99,11 @@ def _within(outer, inner):
 
 def _column(values: list) -> np.ndarray:
     """(n,) whole numbers where all are, else floats with NaN for what is no number."""
-    column = np.array(values) if not any(isinstance(v, list) for v in values[:1]) else np.zeros(0, object)
-    if column.dtype.kind in "if" and len(column) == len(values):
+    try:
+        column = np.array(values)
+    except ValueError:  # lists among them
+        column = np.zeros(0)
+    if column.dtype.kind in "if" and column.shape == (len(values),):
         return column
     return np.array([float(v) if isinstance(v, int | float) else np.nan for v in values])
 
