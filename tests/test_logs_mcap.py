@@ -234,6 +234,16 @@ def test_json_values_of_changing_kind(tmp_path):
                                                 np.nan, np.nan, messages[12]["torque"]])
 
 
+def test_a_message_that_is_no_text(tmp_path):
+    encodings.write(tmp_path / "a.mcap", "json", encodings.rows(60, STEP, START), chunked=False)
+    raw = (tmp_path / "a.mcap").read_bytes()
+    at = raw.index(b'"motor"', len(raw) // 2)
+    (tmp_path / "a.mcap").write_bytes(raw[:at + 2] + b"\xb5" + raw[at + 3:])
+    found = everything(tmp_path / "a.mcap")
+    assert [f.code for f in found.findings] == ["broken-messages"]
+    assert len(found.channels["/drive.torque"].values) == 59
+
+
 def test_samples_teach_lists_that_begin_empty(tmp_path):
     messages = encodings.rows(200, STEP, START)
     for message in messages[:100]:

@@ -15,6 +15,8 @@ BRIDGE_STEPS = 3.0
 GAP_STEPS = BRIDGE_STEPS + 0.5
 # Time stamps within this share of a step count as uniform: a logger's own jitter.
 JITTER = 0.05
+# Seconds and steps beyond these are damage; larger ones would overflow in what follows.
+FAR, MOST_STEPS = 1e15, 1e12
 # A sample that several writers brought out of order is at most so many places away from its own.
 DISORDER = 64
 
@@ -67,7 +69,7 @@ def clean_clock(time: np.ndarray, who: str, log: str) -> tuple[Clock, list[Findi
     raises   BadRecording: the clock was set back (says where); single samples out of order are sorted
     """
     findings = []
-    keep = np.flatnonzero(np.isfinite(time))
+    keep = np.flatnonzero(np.abs(time) < FAR)  # neither NaN nor damaged beyond all time
     if len(keep) < len(time):
         findings.append(Finding(
             "warning", "missing-time", f"{len(time) - len(keep)} samples of {who} in {log} have no time "
@@ -125,7 +127,7 @@ def fit_grid(time: np.ndarray) -> Grid:
     JITTER of the straight line through its stretch. The step is the slope of that line, rounded to
     nine digits so that stamps stored as floats and as whole nanoseconds agree.
     """
-    intervals = np.diff(time) / median_step(time)
+    intervals = np.minimum(np.diff(time) / median_step(time), MOST_STEPS)
     whole = np.maximum(1, np.round(intervals)).astype(np.int64)
     index = np.concatenate([[0], np.cumsum(whole)])
     is_gap = intervals > GAP_STEPS

@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.errors import BadRecording, DriveToolError, Finding
 from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, resolve
-from drivetool.logs.clock import clean_clock, fit_grid, median_step
+from drivetool.logs.clock import FAR, clean_clock, fit_grid, median_step
 from drivetool.logs.experiment import ROLES, Channel, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.spikes import despiked, held, quantum
@@ -141,7 +141,7 @@ class _Clock:
 
 def _clock(time: np.ndarray, name: str, log: str) -> _Clock:
     """Rate, gaps and jitter; also of a clock that no step would take."""
-    known = np.flatnonzero(np.isfinite(time))
+    known = np.flatnonzero(np.abs(time) < FAR)
     try:
         clock, findings = clean_clock(time, name, log)
         told = " ".join(f.text for f in findings)

@@ -76,8 +76,10 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
     files, broken, reason = [], [], ""
     for part in parts:
         try:
-            files.append(stack.enter_context(pq.ParquetFile(part, page_checksum_verification=True)))
-        except (pa.ArrowException, OSError) as problem:
+            file = stack.enter_context(pq.ParquetFile(part, page_checksum_verification=True))
+            _ = file.schema_arrow.names, file.schema_arrow.metadata  # names that are no text fail here
+            files.append(file)
+        except (pa.ArrowException, OSError, ValueError) as problem:
             broken.append(part.name)
             reason = str(problem).split(". ")[0][:100]
     if not files:
@@ -116,13 +118,13 @@ def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
         try:
             tables.append(file.read(columns=columns))
             continue
-        except (pa.ArrowException, OSError) as damage:
+        except (pa.ArrowException, OSError, ValueError) as damage:
             problem = str(damage)[:100]
         groups += file.num_row_groups
         for i in range(file.num_row_groups):
             try:
                 tables.append(file.read_row_group(i, columns=columns))
-            except (pa.ArrowException, OSError):
+            except (pa.ArrowException, OSError, ValueError):
                 lost += 1
     if lost:
         findings.append(Finding(
@@ -146,7 +148,7 @@ def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
         for column in columns:
             try:
                 file.read(columns=[column])
-            except (pa.ArrowException, OSError) as damage:
+            except (pa.ArrowException, OSError, ValueError) as damage:
                 unreadable[column] = f"damaged ({str(damage)[:60]})"
     return [column for column in columns if column not in unreadable]
 

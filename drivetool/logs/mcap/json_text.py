@@ -45,7 +45,7 @@ class JsonColumns:
         texts = [view[first:last] for first, last in zip(places.starts.tolist(), ends, strict=True)]
         try:
             messages = self._decoder.decode(b"[" + b",".join(texts) + b"]")
-        except (msgspec.DecodeError, RecursionError):
+        except (ValueError, RecursionError):  # not JSON, not UTF-8, or not numbers
             messages = []
         good = np.ones(len(texts), bool)
         if len(messages) == len(texts):
