@@ -138,6 +138,17 @@ def test_repeated_stamps_are_dropped():
     assert found.signals["motor_speed"].tobytes() == wave().tobytes()
 
 
+def test_stamps_beyond_all_time_are_missing_or_refused():
+    time = np.arange(N) * STEP
+    time[[7, 50]] = 1e300, -np.inf
+    found = build_experiment(one_clock(time, motor_speed=wave()))
+    assert codes(found)[0] == "missing-time" and found.findings[0].evidence["samples"] == 2
+    time[50] = 50 * STEP
+    time[N - 1] = 1e14
+    with pytest.raises(BadRecording, match="one stretch of time"):
+        build_experiment(one_clock(time, motor_speed=wave()))
+
+
 def test_linear_axis_and_current():
     units = {"motor_torque": "kN", "motor_speed": "mm/s", "motor_angle": "mm"}
     angle = np.cumsum(wave()) * STEP

@@ -220,7 +220,7 @@ BAD = {
     "no rows": (lambda d: write_parquet(d / "a.parquet", data(0)), BadRecording, ["table without rows"]),
     "no messages": (lambda d: write_mcap(d / "a.mcap", data(0)), BadRecording, ["messages in a.mcap"]),
     "other encoding": (lambda d: write_mcap(d / "a.mcap", data(), encoding="cdr"), BadRecording,
-                       ["JSON", "/drive (cdr)"]),
+                       ["(json, cdr, ros1, protobuf)", "/drive (encoding cdr with schema encoding jsonschema"]),
     "no time": (lambda d: write_parquet(d / "a.parquet", data(), "none"), BadRecording,
                 ["a time column", "motor_torque", "timestamp"]),
     "integer time": (lambda d: write_parquet(d / "a.parquet", data(), "nounit"), BadRecording,

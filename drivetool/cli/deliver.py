@@ -49,7 +49,11 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
 
     console = Console(highlight=False)
     console.width = max(80, console.width)  # narrower, and numbers would be cut
-    if hasattr(file, "verdict"):
+    if hasattr(file, "channels"):
+        from drivetool.files.inspection import print_inspection
+
+        print_inspection(file, console)
+    elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
         return
     if file.diagnosis is not None:
@@ -88,7 +92,9 @@ def draw_recordings(job: Job, experiments: Sequence[Experiment]) -> None:
 def _talk(job: Job, file: ParameterFile | ValidationFile, pictures: Sequence[str]) -> None:
     """Findings, how it ended and what was written."""
     print_findings(file)
-    say(job.step, getattr(file, "outcome", "") or getattr(file, "verdict", ""))
+    outcome = getattr(file, "outcome", "") or getattr(file, "verdict", "")
+    if outcome:
+        say(job.step, outcome)
     if job.out not in (None, "-"):
         say(job.step, f"wrote {job.out}")
     if pictures:

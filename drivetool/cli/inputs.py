@@ -32,6 +32,7 @@ class Job:
     strict: bool = False
     debug: bool = False
     quiet: bool = False
+    condition: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ def open_all(job: Job) -> Opened:
     from drivetool.files.parameter_file import load_parameters
     from drivetool.files.write import check_target
     from drivetool.logs.build import open_experiment
+    from drivetool.logs.condition import parse_step
 
     inputs_stay(job)
     if job.out not in (None, "-"):
@@ -61,7 +63,9 @@ def open_all(job: Job) -> Opened:
     loaded = load_parameters(job.params)
     shape = _shape(job)
     channel_map = load_channel_map(job.map)
-    experiments = tuple(open_experiment(log, channel_map) for log in job.logs)
+    for text in job.condition:
+        parse_step(text)
+    experiments = tuple(open_experiment(log, channel_map, job.condition) for log in job.logs)
     _one_kind(experiments)
     return Opened(experiments, loaded, shape)
 

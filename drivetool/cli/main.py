@@ -9,11 +9,24 @@ from typing import Annotated
 import typer
 
 from drivetool import __version__
-from drivetool.cli import backlash, blackbox, diagnose, effects, greybox, show, simulate, steady, validate
+from drivetool.cli import (
+    backlash,
+    blackbox,
+    convert,
+    diagnose,
+    effects,
+    greybox,
+    inspect,
+    show,
+    simulate,
+    steady,
+    validate,
+)
 
 # In the order in which they are used.
-COMMANDS = {"steady": steady, "blackbox": blackbox, "greybox": greybox, "backlash": backlash,
-            "validate": validate, "diagnose": diagnose, "simulate": simulate, "effects": effects, "show": show}
+COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "blackbox": blackbox, "greybox": greybox,
+            "backlash": backlash, "validate": validate, "diagnose": diagnose, "simulate": simulate,
+            "effects": effects, "show": show}
 
 app = typer.Typer(
     name="drivetool", add_completion=False, no_args_is_help=True, rich_markup_mode=None,

@@ -20,7 +20,7 @@ def _option(*names: str, help: str, **more):
     return typer.Option(*names, help=help, **more)
 
 
-Logs = Annotated[list[str], typer.Argument(metavar="LOG", help="Recordings, Parquet or MCAP.")]
+Logs = Annotated[list[str], typer.Argument(metavar="LOG", help="Recordings: MCAP, Parquet or a folder of it.")]
 Params = Annotated[list[str] | None, _option(
     "--params", "-p", metavar="FILE",
     help="Parameter file of an earlier step or by hand; several merge, later wins; - reads standard input.")]
@@ -30,6 +30,9 @@ Base = Annotated[list[str], _option(
     "--params", "-p", metavar="FILE", help="The fitted drive; several files merge, later wins.")]
 Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
+Condition = Annotated[list[str] | None, _option(
+    "--condition", metavar="STEP", help="Done to every recording first, in the order given: despike, "
+    "'lowpass cutoff=50', detrend, 'decimate factor=5', differentiate; repeatable.")]
 DriveName = Annotated[str | None, _option(
     "--drive", metavar="NAME|FILE",
     help="one-body, two-mass, three-mass, or a YAML file with a drive section. "

@@ -26,14 +26,16 @@ def estimator_command(step: str, load: Callable[[], Estimator]) -> Callable[...,
     load  imports the estimator and returns it; called only when the command runs
     """
     def command(
-        logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, drive: cli.DriveName = None,
+        logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
+        drive: cli.DriveName = None,
         hold: cli.Hold = None, free: cli.Free = None, set: cli.Set = None,
         criterion: cli.Criterion = cli.CriterionName.innovations, segment: cli.Segment = None,
         starts: cli.Starts = None, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
         plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
         quiet: cli.Quiet = False,
     ) -> None:
-        job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet)
+        job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+                  condition or ())
 
         def work() -> int:
             from drivetool.identify.options import Options
@@ -63,5 +65,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     used.pop("known")
+    if job.condition:
+        used["condition"] = list(job.condition)
     estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))
     return deliver(job, estimate_file(estimate, opened.inputs), estimate.exhibits)

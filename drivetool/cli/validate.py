@@ -29,14 +29,15 @@ Segment = Annotated[float, typer.Option(
 
 
 def command(
-    logs: cli.Logs, params: cli.Models, map: cli.Map = None, drive: cli.DriveName = None,
+    logs: cli.Logs, params: cli.Models, map: cli.Map = None, condition: cli.Condition = None,
+    drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     segment: Segment = 0.0, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> None:
     """Each --params file is a model of its own; see HELP."""
-    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet)
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or ())
 
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
@@ -62,7 +63,10 @@ def run(job: Job, options: ValidateOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    validation = replace(validation, options=asdict(options) | dict(validation.options),
+    used = asdict(options) | dict(validation.options)
+    if job.condition:
+        used["condition"] = list(job.condition)
+    validation = replace(validation, options=used,
                          findings=findings(opened, validation.findings))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivetool.files.inspect_picture import panels
 from drivetool.files.plots import decimated
 
 if TYPE_CHECKING:
@@ -161,7 +162,7 @@ def _lines(exhibit: Exhibit) -> Figure:
 
 
 _KINDS = {"record": _record, "recording": _recording, "steady": _steady, "correlation": _correlation,
-          "profile": _profile, "starts": _starts, "bode": _bode}
+          "profile": _profile, "starts": _starts, "bode": _bode, "channels": panels}
 
 
 def _stack(n: int, heights: list[float]) -> tuple[Figure, list[Axes]]:

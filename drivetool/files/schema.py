@@ -15,15 +15,17 @@ TITLES = {
     "parameters": "drivetool parameter file",
     "validation": "drivetool validation file",
     "channel-map": "drivetool channel map",
+    "inspection": "drivetool inspection of a log",
 }
 
 
 def schemas() -> dict[str, str]:
     """File name -> JSON Schema text, sorted."""
+    from drivetool.files.inspection import InspectionFile
     from drivetool.logs.channel_map import ChannelMapFile
 
     types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
-             "channel-map": ChannelMapFile}
+             "channel-map": ChannelMapFile, "inspection": InspectionFile}
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
-from drivetool.logs.convert import shared_units, to_signals
-from drivetool.logs.experiment import ROLES, Experiment, Recording
+from drivetool.logs.clock import median_step
+from drivetool.logs.condition import condition, parse_step
+from drivetool.logs.convert import Signal, shared_units, to_signals
+from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
 from drivetool.logs.read import read_recording
-from drivetool.logs.resample import INPUTS, onto_grid
+from drivetool.logs.resample import onto_grid
 from drivetool.logs.speed_check import compare_speed_and_angle
+from drivetool.logs.spikes import held
 
 # Fewer samples than this answer no question about a drive; the second: a piece this short cannot
 # even pay for its own start states.
@@ -21,15 +24,18 @@ MIN_SAMPLES = 50
 MIN_SEGMENT = 10
 
 
-def open_experiment(path: str | Path, channel_map: ChannelMap | None = None) -> Experiment:
+def open_experiment(path: str | Path, channel_map: ChannelMap | None = None,
+                    steps: Sequence[str] = ()) -> Experiment:
     """A log file as an experiment.
 
-    path         .parquet or .mcap
+    path         .parquet or .mcap, or a folder of the parts of a .parquet
     channel_map  which channel plays which role; None takes channels named like the roles
+    steps        conditioning after that of the map, such as 'lowpass cutoff=50'
     returns      Experiment
-    raises       BadRecording, NotEnoughData: see read_recording and build_experiment
+    raises       BadRecording, NotEnoughData, BadOption: see read_recording, build_experiment, condition
     """
-    return build_experiment(read_recording(path, channel_map), channel_map)
+    todo = [parse_step(text) for text in (*(channel_map.condition if channel_map else ()), *steps)]
+    return condition(build_experiment(read_recording(path, channel_map), channel_map), todo)
 
 
 def build_experiment(recording: Recording, channel_map: ChannelMap | None = None) -> Experiment:
@@ -44,7 +50,7 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
     signals, findings = to_signals(recording, chosen, channel_map)
     torque_unit, motion_unit, more = shared_units(signals, recording.name)
-    findings = [*recording.findings, *findings, *more]
+    findings = [*recording.findings, *findings, *more, *_repeated(signals)]
     gridded = onto_grid(signals, recording.name)
     findings += gridded.findings
     segments, more = _cut(gridded.segments, gridded.signals, recording.name)
@@ -55,8 +61,10 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     for body in dict.fromkeys(role.rpartition("_")[0] for role in gridded.signals):
         angle, speed = f"{body}_angle", f"{body}_speed"
         if angle in gridded.signals and speed in gridded.signals:
-            findings += compare_speed_and_angle(gridded.signals[angle], gridded.signals[speed],
-                                                gridded.step, segments, body)
+            told = any(f.code == "clock-offset" and {angle, speed} <= set(f.evidence.values()) for f in findings)
+            findings += [f for f in compare_speed_and_angle(gridded.signals[angle], gridded.signals[speed],
+                                                            gridded.step, segments, body)
+                         if not (told and f.code in ("speed-delay", "speed-filtered"))]
     return Experiment(
         name=recording.name, sha256=recording.sha256, step=gridded.step,
         start=round(recording.origin + gridded.start, 9),
@@ -102,6 +110,21 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
             "note", "short-segments", f"{len(pieces) - len(kept)} segments of {log} shorter than "
             f"{MIN_SEGMENT} samples are left out.", {"segments": len(pieces) - len(kept)}))
     return kept, findings
+
+
+def _repeated(signals: Mapping[str, Signal]) -> list[Finding]:
+    """Sensors that were logged faster than they were updated."""
+    findings = []
+    for role, signal in signals.items():
+        times = held(signal.values) if role not in INPUTS else 1
+        if times > 1 and len(signal.time) > times:
+            step = median_step(signal.time)
+            findings.append(Finding(
+                "warning", "held-samples", f"{role} repeats every value {times} times: it comes at "
+                f"{1 / (times * step):.4g} Hz and was logged at {1 / step:.4g} Hz, up to "
+                f"{1e3 * (times - 1) * step:.3g} ms late.", {"role": role, "repeats": times, "step": step},
+                "Log it at its own rate, or with the time stamp of the sensor."))
+    return findings
 
 
 def _inside(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:

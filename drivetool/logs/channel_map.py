@@ -6,16 +6,22 @@ On disk it is YAML; `files/` parses it and hands over a plain mapping:
     roles:
       motor_torque: {channel: /drive.torque, unit: Nm, scale: 1, offset: 0, sign: -1}
       motor_speed:  {channel: n_act, unit: '%', rated: {value: 3000, unit: rpm}}
-      motor_angle:  theta              # short form: the channel; unit from the log
-    time: {channel: t, unit: ms}       # optional; or just the channel
+      motor_angle:  {channel: '/joints.position[name=motor]', unit: counts, per_rev: 8192, wrap: 65536}
+      load_angle:   {channel: theta, time: theta_stamp, shift: 0.002}
+      load_speed:   omega             # short form: the channel; unit from the log
+    time: {channel: t, unit: ms}       # optional; or just the channel; for MCAP a stamp field,
+                                       # log_time (the default) or publish_time
     torque_is: command                 # optional: command or measurement
+    condition: [despike, lowpass cutoff=50]   # optional, in this order; see condition.py
 
-SI value = sign * (scale * raw + offset), converted from `unit`. Without `unit` the unit noted in
-the log is taken. A value in % (or in 1, per unit) is a share of `rated` and needs it.
+SI value = sign * (scale * raw + offset), converted from `unit`; `wrap` is undone before that.
+Without `unit` the unit noted in the log is taken. A value in % (or in 1, per unit) is a share of
+`rated` and needs it; counts need `per_rev`. `shift` is added to the time stamps [s].
 """
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,8 +30,9 @@ from typing import Literal
 import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
+from drivetool.logs.condition import parse_step
 from drivetool.logs.experiment import ROLES
-from drivetool.logs.units import RELATIVE, parse_unit
+from drivetool.logs.units import COUNTS, RELATIVE, Unit, parse_unit
 
 SCHEMA = "drivetool/channel-map/1"
 
@@ -37,8 +44,22 @@ class Rated(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str
 
 
+class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The channel that holds the time stamps; for MCAP a field, log_time or publish_time."""
+
+    channel: str
+    unit: str | None = None
+
+
 class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One role: SI value = sign * (scale * raw + offset), converted from `unit`."""
+    """One role: SI value = sign * (scale * raw + offset), converted from `unit`.
+
+    rated    what 100 % is
+    per_rev  counts per revolution, for the unit `counts`
+    wrap     the raw value at which the channel starts again, such as 65536 or 360; unwrapped first
+    time     the clock of this channel, if it is not the map's
+    shift    seconds added to its time stamps
+    """
 
     channel: str
     unit: str | None = None
@@ -46,13 +67,15 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset: float = 0.0
     sign: Literal[1, -1] = 1
     rated: Rated | None = None
+    per_rev: float | None = None
+    wrap: float | None = None
+    time: TimeEntry | str | None = None
+    shift: float = 0.0
 
-
-class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The channel that holds the time stamps."""
-
-    channel: str
-    unit: str | None = None
+    @property
+    def clock(self) -> TimeEntry | None:
+        """The entry of its own clock, if it has one."""
+        return TimeEntry(self.time) if isinstance(self.time, str) else self.time
 
 
 # One optional field per role, so that the JSON schema lists the roles and refuses others.
@@ -68,15 +91,17 @@ class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     roles: RoleEntries
     time: TimeEntry | str | None = None
     torque_is: Literal["command", "measurement", "unknown"] = "unknown"
+    condition: list[str] = []
 
 
 @dataclass(frozen=True)
 class ChannelMap:
-    """A checked channel map: role -> entry, the time channel if named, what the torque is."""
+    """A checked channel map: role -> entry, the time channel if named, what the torque is, conditioning."""
 
     roles: Mapping[str, RoleEntry]
     time: TimeEntry | None = None
     torque_is: Literal["command", "measurement", "unknown"] = "unknown"
+    condition: tuple[str, ...] = ()
     name: str = field(default="channel map", compare=False)
 
     @classmethod
@@ -102,10 +127,13 @@ class ChannelMap:
                             "Give each role its channel.", ROLES)
         for role, entry in roles.items():
             _check_entry(role, entry, name)
+        for text in file.condition:
+            parse_step(text)
         time = TimeEntry(file.time) if isinstance(file.time, str) else file.time
-        if time and time.unit is not None:
-            parse_unit(time.unit, "time", f"time in {name}", BadOption)
-        return cls(roles, time, file.torque_is, name)
+        for where, clock in [("time", time), *((f"time of {r}", e.clock) for r, e in roles.items())]:
+            if clock and clock.unit is not None:
+                parse_unit(clock.unit, "time", f"{where} in {name}", BadOption)
+        return cls(roles, time, file.torque_is, tuple(file.condition), name)
 
 
 def _check_keys(content: object, name: str) -> None:
@@ -129,6 +157,8 @@ def _check_keys(content: object, name: str) -> None:
     for role, entry in content["roles"].items():
         if not isinstance(entry, str):
             level(entry, f"{role} of {name}", fields(RoleEntry))
+            if not isinstance(entry.get("time"), str | None):
+                level(entry["time"], f"time of {role}", fields(TimeEntry))
             if entry.get("rated") is not None:
                 level(entry["rated"], f"rated of {role}", fields(Rated))
     if not isinstance(content.get("time"), str | None):
@@ -137,27 +167,38 @@ def _check_keys(content: object, name: str) -> None:
 
 def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
     """Numbers and units of one role."""
-    numbers = {"scale": entry.scale, "offset": entry.offset}
+    numbers = {"scale": entry.scale, "offset": entry.offset, "shift": entry.shift}
+    numbers |= {key: value for key, value in (("per_rev", entry.per_rev), ("wrap", entry.wrap))
+                if value is not None}
     if entry.rated:
         numbers["rated value"] = entry.rated.value
         rated = parse_unit(entry.rated.unit, ROLES[role], f"rated of {role} in {name}", BadOption)
-        if rated.dimension == RELATIVE:
+        if rated.dimension in (RELATIVE, COUNTS):
             raise BadOption(f"a unit of {ROLES[role]} for rated of {role}", f"'{entry.rated.unit}'",
                             "Say what 100 % is, for example {value: 200, unit: Nm}.")
     for key, value in numbers.items():
-        if not math.isfinite(value) or (value == 0 and key != "offset"):
+        if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift")):
             raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",
                             f"Correct it in {name}.")
     if entry.unit is not None:
         unit = parse_unit(entry.unit, ROLES[role], f"{role} in {name}", BadOption)
-        require_rated(role, unit, entry.rated, BadOption)
+        require_scale(role, unit, entry, BadOption)
 
 
-def require_rated(role: str, unit, rated: Rated | None, error=BadRecording) -> None:
-    """Refuse a share of an unknown rated value."""
-    if unit.dimension == RELATIVE and rated is None:
+def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -> None:
+    """Refuse a share of an unknown rated value, and counts of an unknown encoder."""
+    if unit.dimension == RELATIVE and entry.rated is None:
         raise error(f"the rated value of {role}, which is given in {unit.text}", "none",
                     "Add to its role, for example `rated: {value: 200, unit: Nm}`.")
+    if unit.dimension == COUNTS and entry.per_rev is None:
+        raise error(f"the counts per revolution of {role}, which is given in counts", "none",
+                    "Add to its role, for example `per_rev: 8192`.")
+    if entry.per_rev is not None and unit.dimension != COUNTS:
+        raise error(f"the unit counts for {role}, which has per_rev", f"'{unit.text}'",
+                    "Write `unit: counts`, or leave per_rev out.")
+    if entry.wrap is not None and ROLES[role] != "angle":
+        raise error(f"wrap for an angle or a position only, {role} is a {ROLES[role]}", f"{entry.wrap:g}",
+                    "Leave it out.")
 
 
 def resolve(name: str, available: Iterable[str]) -> str | None:
@@ -194,6 +235,13 @@ def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, lo
         name = resolve(entry.channel, available)
         if name is None:
             raise BadRecording(f"channel '{entry.channel}' for {role}", f"no such channel in {log}",
-                               nearest(entry.channel, available), available)
+                               _meant(entry.channel, available), available)
         chosen[role] = name
     return chosen
+
+
+def _meant(name: str, available: Iterable[str]) -> str:
+    """The sentence that suggests a channel by its full name or by its field; all of them are listed already."""
+    by_field = {channel.partition(".")[2] or channel: channel for channel in available}
+    close = difflib.get_close_matches(name, [*available, *by_field], n=1, cutoff=0.6)
+    return f"Did you mean '{by_field.get(close[0], close[0])}'?" if close else "Name one of those."

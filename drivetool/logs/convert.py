@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding
-from drivetool.logs.channel_map import ChannelMap, RoleEntry, require_rated
+from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.experiment import ROLES, Channel, Recording
-from drivetool.logs.units import RELATIVE, parse_unit
+from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
+from drivetool.logs.wrap import looks_wrapped, unwrap
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
             continue
         channel = recording.channels[chosen[role]]
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
-        values, si = _convert(channel, entry, role, recording.name)
+        values, si, more = _convert(channel, entry, role, recording.name)
+        findings += more
         finite = np.isfinite(values)
         count = int(np.sum(~finite))
         if count == len(values):
@@ -49,16 +51,27 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
                 f"{role} has no finite value at {100 * count / len(values):.2g} % of its samples.",
                 {"role": role, "samples": count, "of": len(values), "share": count / len(values)},
                 "Check the recorder and the sensor."))
-        signals[role] = Signal(channel.time, values, si)
+        time = channel.time
+        if entry.shift:
+            time = time + entry.shift
+            findings.append(Finding(
+                "note", "clock-shifted", f"{entry.shift:g} s were added to the time stamps of {role}, as the "
+                "channel map says.", {"role": role, "shift": entry.shift}))
+        signals[role] = Signal(time, values, si)
     return signals, findings
 
 
-def _convert(channel: Channel, entry: RoleEntry, role: str, log: str) -> tuple[np.ndarray, str]:
-    """((n,) values in SI, SI unit); values that are SI already are passed on untouched."""
+def _convert(channel: Channel, entry: RoleEntry, role: str,
+             log: str) -> tuple[np.ndarray, str, list[Finding]]:
+    """((n,) values in SI, SI unit, findings); values that are SI already are passed on untouched."""
     where = f"{role} (channel '{entry.channel}') in {log}"
     unit = parse_unit(entry.unit or channel.unit, ROLES[role], where)
-    require_rated(role, unit, entry.rated)
-    values = channel.values
+    require_scale(role, unit, entry)
+    values, findings = channel.values, []
+    if entry.wrap is not None:
+        values, findings = unwrap(values, entry.wrap, role)
+    elif ROLES[role] == "angle":
+        findings = looks_wrapped(values, role, unit.text)
     if entry.scale != 1.0:
         values = entry.scale * values
     if entry.offset != 0.0:
@@ -67,8 +80,10 @@ def _convert(channel: Channel, entry: RoleEntry, role: str, log: str) -> tuple[n
         values = -values
     if unit.dimension == RELATIVE:
         rated = parse_unit(entry.rated.unit, ROLES[role], where)
-        return rated.to_si(unit.to_si(values) * entry.rated.value), rated.si
-    return unit.to_si(values), unit.si
+        return rated.to_si(unit.to_si(values) * entry.rated.value), rated.si, findings
+    if unit.dimension == COUNTS:
+        return values * (2 * np.pi / entry.per_rev), unit.si, findings
+    return unit.to_si(values), unit.si, findings
 
 
 def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, list[Finding]]:
@@ -98,3 +113,14 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, lis
             f"come out in {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
     return torque, motion, findings
+
+
+def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:
+    """The channels that play a role, under its name and in SI, on the clocks they have.
+
+    raises  BadRecording: as `to_signals` and `choose_channels`
+    """
+    chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
+    signals, findings = to_signals(recording, chosen, channel_map)
+    channels = {role: Channel(signal.time, signal.values, signal.si) for role, signal in signals.items()}
+    return replace(recording, channels=channels, findings=(*recording.findings, *findings))

@@ -26,6 +26,9 @@ ROLES: Mapping[str, str] = {
     "table_angle": "angle",
 }
 
+# What is commanded, and so stays until the next value; everything else is a sensor.
+INPUTS = ("motor_torque", "motor2_torque", "load_torque")
+
 TorqueIs = Literal["command", "measurement", "unknown"]
 
 
@@ -48,11 +51,12 @@ class Channel:
 class Recording:
     """A log file as it was: each channel on its own clock.
 
-    name      file name without folder; sha256 of the file
+    name      file name without folder; sha256 of the file, set by read_recording
     channels  by name, those that were asked for; channels of one clock share its time array
     findings  what the reader repaired or lost
     origin    seconds on the log's clock at which the channels' times count from; apart from
               them because 64-bit floats resolve the seconds since 1970 to 0.2 us only
+    unreadable  topics or columns that are there but cannot be read -> why
     """
 
     name: str
@@ -60,6 +64,7 @@ class Recording:
     channels: Mapping[str, Channel]
     findings: tuple[Finding, ...] = ()
     origin: float = 0.0
+    unreadable: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,139 +1,212 @@
-"""Parquet, wide: one column per channel and one with the time."""
+"""Parquet: a table with a column per channel, or one row per value; a file or a folder of them."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.errors import BadRecording
-from drivetool.logs.channel_map import ChannelMap
+from drivetool.errors import BadRecording, Finding
+from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
+from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.units import parse_unit
+from drivetool.logs.long_table import is_long, read_long
+from drivetool.logs.table_time import from_step, table_time, time_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
     from drivetool.logs.read import Choose
 
-TIME_NAMES = ("time", "t", "timestamp", "timestamps", "stamp", "time_stamp", "datetime")
-_TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 
+def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
+                 lenient: bool = False) -> Recording:
+    """A Parquet table, or the folder of its parts; only the columns asked for are read.
 
-def read_parquet(path: Path, sha256: str, choose: Choose, channel_map: ChannelMap | None) -> Recording:
-    """A wide Parquet table; only the columns asked for are read.
-
-    choose   called with the names of all columns but the time; returns those to read
-    returns  Recording on one clock: the time column (named in the map, or one of TIME_NAMES, which may
-             end in _s, _ms, _us or _ns), or the schema metadata `step` [s] if there is no such column
+    choose   called with the names of all columns but the time (long: of all channels); returns those
+             to read
+    lenient  leave out columns that hold no numbers instead of refusing them
+    returns  Recording. Wide: on one clock, the time column (named in the map, or time, t, timestamp and
+             the like, which may end in _s, _ms, _us or _ns), or the schema metadata `step` [s] if there
+             is no such column. Long: every channel on its own clock
     raises   BadRecording: not Parquet, no rows, no time, columns that hold no numbers
     """
+    with ExitStack() as stack:
+        files, findings = _open(path, stack)
+        schema = files[0].schema_arrow
+        if all(file.metadata.num_rows == 0 for file in files):
+            raise BadRecording(f"samples in {path.name}", "a table without rows",
+                               "Record or export it again.")
+        if is_long(schema, channel_map):
+            tables = _read(files, None, path.name, findings)
+            return read_long(tables, schema, path.name, choose, channel_map, findings)
+        stamps = _stamps(schema, channel_map, path.name)
+        names = flat_names(schema, [each for each in stamps.values() if each])
+        if channel_map:
+            asked = [entry.channel for entry in channel_map.roles.values()]
+            names |= {text: steps for text in asked if text not in names for steps in [steps_of(text, schema)]
+                      if steps}
+        wanted = list(dict.fromkeys(choose(list(names))))
+        clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
+        columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
+        unreadable: dict[str, str] = {}
+        lost: list[Finding] = []
+        tables = _read(files, columns, path.name, lost, lenient)
+        if lost and lenient:
+            # One damaged column must not cost the rows of the others.
+            columns = [*clocks, *_readable(files, columns[len(set(clocks)):], unreadable)]
+            wanted, lost = [name for name in wanted if names[name][0] in columns], []
+            tables = _read(files, columns, path.name, lost)
+        findings += lost
+    return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings,
+                      unreadable if lenient else None)
+
+
+def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
+    """(the file, or those of the folder that can be read; what cannot be)."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
-        file = pq.ParquetFile(path, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as problem:
-        reason = str(problem).split(". ")[0][:100]
-        raise BadRecording(f"a Parquet file in {path.name}", f"something else ({reason})",
-                           "Record or export it again; a half-written Parquet file cannot be read.") from None
-    with file:
-        schema = file.schema_arrow
-        if file.metadata.num_rows == 0:
-            raise BadRecording(f"samples in {path.name}", "a table without rows",
-                               "Record or export it again.")
-        stamp = _time_column(schema.names, channel_map, path.name)
-        wanted = list(dict.fromkeys(choose([n for n in schema.names if n != stamp])))
+    parts = sorted(path.rglob("*.parquet"), key=_natural) if path.is_dir() else [path]
+    files, broken, reason = [], [], ""
+    for part in parts:
         try:
-            table = file.read(columns=[*wanted, *([stamp] if stamp else [])])
-        except (pa.ArrowException, OSError) as problem:
-            raise BadRecording(f"readable data in {path.name}", str(problem)[:100],
-                               "The file is damaged; record or export it again.") from None
-    time, origin = _time(table, stamp, schema, channel_map, path.name)
+            file = stack.enter_context(pq.ParquetFile(part, page_checksum_verification=True))
+            _ = file.schema_arrow.names, file.schema_arrow.metadata  # names that are no text fail here
+            files.append(file)
+        except (pa.ArrowException, OSError, ValueError) as problem:
+            broken.append(part.name)
+            reason = str(problem).split(". ")[0][:100]
+    if not files:
+        raise BadRecording(
+            f"Parquet files in the folder {path.name}" if path.is_dir() else f"a Parquet file in {path.name}",
+            f"something else ({reason})" if reason else "none",
+            "Record or export it again; a half-written Parquet file cannot be read.")
+    first = files[0].schema_arrow
+    for part, file in zip([p for p in parts if p.name not in broken], files, strict=False):
+        if set(file.schema_arrow.names) != set(first.names):
+            raise BadRecording(f"the same columns in all files of {path.name}",
+                               f"{', '.join(file.schema_arrow.names)} in {part.name}",
+                               "Put recordings of different kinds into different folders.", first.names)
+    findings = [Finding("warning", "damaged-log",
+                        f"{', '.join(broken)} of {path.name} cannot be read ({reason}); the other "
+                        f"{len(files)} files are used.", {"files": len(broken), "of": len(parts)},
+                        "Record or export it again.")] if broken else []
+    return files, findings
+
+
+def _natural(path: Path) -> list:
+    """part-2 before part-10."""
+    return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
+
+
+def _read(files: Sequence[pq.ParquetFile], columns: list[str] | None, log: str,
+          findings: list[Finding], lenient: bool = False) -> list[pa.Table]:
+    """The columns of every file, files without rows left out; damaged row groups are left out and said.
+
+    raises  BadRecording: nothing is left, unless lenient
+    """
+    import pyarrow as pa
+
+    tables, lost, groups, problem = [], 0, 0, ""
+    for file in files:
+        try:
+            tables.append(file.read(columns=columns))
+            continue
+        except (pa.ArrowException, OSError, ValueError) as damage:
+            problem = str(damage)[:100]
+        groups += file.num_row_groups
+        for i in range(file.num_row_groups):
+            try:
+                tables.append(file.read_row_group(i, columns=columns))
+            except (pa.ArrowException, OSError, ValueError):
+                lost += 1
+    if lost:
+        findings.append(Finding(
+            "warning", "damaged-log", f"{lost} row groups of {log} are damaged ({problem}); the others are used.",
+            {"groups": lost, "of": groups}, "Record or export it again."))
+    whole = [table for table in tables if not set(columns or ()) - set(table.column_names)]
+    if len(whole) < len(tables):
+        tables, problem = whole, "names of columns that do not agree"
+    if not tables and not lenient:
+        raise BadRecording(f"readable data in {log}", problem,
+                           "The file is damaged; record or export it again.")
+    return [table for table in tables if table.num_rows] or tables[:1]
+
+
+def _readable(files: Sequence[pq.ParquetFile], columns: list[str],
+              unreadable: dict[str, str]) -> list[str]:
+    """The columns without damage; the others and why go into `unreadable`."""
+    import pyarrow as pa
+
+    for file in files:
+        for column in columns:
+            try:
+                file.read(columns=[column])
+            except (pa.ArrowException, OSError, ValueError) as damage:
+                unreadable[column] = f"damaged ({str(damage)[:60]})"
+    return [column for column in columns if column not in unreadable]
+
+
+def _stamps(schema: pa.Schema, channel_map: ChannelMap | None, log: str) -> dict[TimeEntry | None, str | None]:
+    """Clock entry -> its column; None is the clock of all that have none of their own."""
+    stamps = {None: time_column(schema, channel_map.time if channel_map else None, log)}
+    for entry in channel_map.roles.values() if channel_map else ():
+        if entry.clock:
+            stamps[entry.clock] = time_column(schema, entry.clock, log)
+    return stamps
+
+
+def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], names: dict, stamps: dict,
+               channel_map: ChannelMap | None, log: str, findings: list[Finding],
+               unreadable: dict[str, str] | None) -> Recording:
+    """Columns as channels, the parts in the order of their first stamps.
+
+    unreadable  collects columns that hold no numbers; None: they are refused
+    """
+    import pyarrow as pa
+
+    table = tables[0]
+    if len(tables) > 1:
+        main = stamps[None]
+        if main:
+            firsts = [_first(table_time([each], main, schema, channel_map and channel_map.time, log))
+                      for each in tables]
+            tables = [tables[i] for i in np.argsort(firsts, kind="stable")]
+        table = pa.concat_tables(tables, promote_options="permissive")
+    clocks = {}
+    for entry, column in stamps.items():
+        given = entry or (channel_map.time if channel_map else None)
+        clocks[entry] = table_time([table], column, schema, given, log) if column else \
+            (from_step(schema, table.num_rows, log), float((schema.metadata or {}).get(b"origin", 0)))
+    own = {}
+    for entry in channel_map.roles.values() if channel_map else ():
+        name = resolve(entry.channel, names) if entry.clock else None
+        if name:
+            own[name] = entry.clock
+    origin = clocks[None][1]
+    times = {entry: seconds + (start - origin) if entry else seconds
+             for entry, (seconds, start) in clocks.items()}
     channels = {}
     for name in wanted:
-        unit = (table.schema.field(name).metadata or {}).get(b"unit")
-        channels[name] = Channel(time, _numbers(table, name, path.name), unit.decode() if unit else None)
-    return Recording(path.name, sha256, channels, (), origin)
+        try:
+            values = numbers(table, names[name], name, log)
+        except BadRecording as problem:
+            if unreadable is None:
+                raise
+            unreadable[name] = problem.found.removesuffix(f" in {log}")
+            continue
+        channels[name] = Channel(times[own.get(name)], values, unit_of(schema, names[name]))
+    return Recording(log, "", channels, tuple(findings), origin, unreadable or {})
 
 
-def _time_column(names: list[str], channel_map: ChannelMap | None, log: str) -> str | None:
-    """The column that holds the time, or None."""
-    if channel_map and channel_map.time:
-        if channel_map.time.channel not in names:
-            raise BadRecording(f"time channel '{channel_map.time.channel}'", f"none in {log}",
-                               "Correct `time` in the channel map.", names)
-        return channel_map.time.channel
-    for known in TIME_NAMES:
-        for name in names:
-            if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower()):
-                return name
-    return None
-
-
-def _numbers(table: pa.Table, name: str, log: str) -> np.ndarray:
-    """A column as (n,) floats, missing values as NaN."""
-    import pyarrow as pa
-
-    kind = table.schema.field(name).type
-    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
-        raise BadRecording(f"numbers in channel '{name}'", f"{kind} in {log}", "Choose another channel.")
-    column = table.column(name).cast(pa.float64(), safe=False)
-    return np.asarray(column.to_numpy(), dtype=float)
-
-
-def _time(table: pa.Table, stamp: str | None, schema: pa.Schema, channel_map: ChannelMap | None,
-          log: str) -> tuple[np.ndarray, float]:
-    """((n,) seconds, origin [s]) of the table's clock."""
-    import pyarrow as pa
-
-    if stamp is None:
-        return _from_step(schema, table.num_rows, log), 0.0
-    column, kind = table.column(stamp), schema.field(stamp).type
-    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
-        return _from_ticks(column.cast(pa.int64()), _TICKS[kind.unit])
-    unit = _time_unit(stamp, schema, channel_map)
-    if pa.types.is_integer(kind):
-        found = parse_unit(unit, "time", f"the integer time column '{stamp}' of {log}")
-        return _from_ticks(column.cast(pa.int64()), _TICKS[found.text])
-    seconds = _numbers(table, stamp, log)
-    return parse_unit(unit or "s", "time", f"time column '{stamp}' of {log}").to_si(seconds), 0.0
-
-
-def _time_unit(stamp: str, schema: pa.Schema, channel_map: ChannelMap | None) -> str | None:
-    """Unit of the time column: from the map, the field's metadata, or the end of its name."""
-    if channel_map and channel_map.time and channel_map.time.unit:
-        return channel_map.time.unit
-    unit = (schema.field(stamp).metadata or {}).get(b"unit")
-    if unit:
-        return unit.decode()
-    ending = re.search(r"_\[?(s|ms|us|ns)\]?$|\[(s|ms|us|ns)\]$", stamp.strip().lower())
-    return (ending[1] or ending[2]) if ending else None
-
-
-def _from_ticks(column: pa.ChunkedArray, per_second: int) -> tuple[np.ndarray, float]:
-    """Integer time stamps, counted from the first one before they become floats."""
-    import pyarrow.compute as pc
-
-    missing = np.asarray(column.is_null().to_numpy())
-    ticks = np.asarray(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
-    known = ticks[~missing]
-    first = int(known[0]) if len(known) else 0
-    seconds = (ticks - first) / per_second
-    seconds[missing] = np.nan
-    return seconds, first / per_second
-
-
-def _from_step(schema: pa.Schema, count: int, log: str) -> np.ndarray:
-    """Time of a table without a time column, from `step` in its metadata."""
-    text = (schema.metadata or {}).get(b"step")
-    try:
-        step = float(text) if text else 0.0
-    except ValueError:
-        step = 0.0
-    if not (np.isfinite(step) and step > 0):
-        raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names[:20])}",
-                           "Name it with `time: {channel: ..., unit: ...}` in the channel map.", TIME_NAMES)
-    return np.arange(count) * step
+def _first(clock: tuple[np.ndarray, float]) -> float:
+    """The first stamp of a clock that is one."""
+    seconds, origin = clock
+    known = seconds[np.isfinite(seconds)]
+    return origin + float(known[0]) if len(known) else np.inf

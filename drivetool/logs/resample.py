@@ -18,10 +18,10 @@ from drivetool.logs.clock import (
     fit_grid,
     median_step,
 )
+from drivetool.logs.clock_offset import clock_offsets
 from drivetool.logs.convert import Signal
-
-# What is commanded, and so stays until the next value; everything else is a sensor.
-INPUTS = ("motor_torque", "motor2_torque", "load_torque")
+from drivetool.logs.experiment import INPUTS
+from drivetool.logs.rate import CUT_OFF, FASTER, average, low_passed
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
     One clock with less than 5 % jitter: the samples are taken as they are, bit by bit. Otherwise an
     input takes, at each grid point, the value that acts during most of the step that follows (zero
     order hold), and a sensor is interpolated between neighbours at most 3 steps apart. Slower
-    sensors get a value only at the grid points next to their samples.
+    sensors get a value only at the grid points next to their samples; faster ones are low-passed,
+    and faster inputs averaged (rate.py).
 
     signals  role -> Signal
     returns  Gridded; neighbours more than 3 steps apart begin a new segment
@@ -52,6 +53,8 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
     for role, clock in clocks.items():
         if len(clock.time) < 2:
             raise NotEnoughData(f"samples of {role} in {log}", f"{len(clock.time)}", "Record longer.")
+    findings += clock_offsets({role: Signal(clock.time, clock.of(signals[role].values), signals[role].si)
+                               for role, clock in clocks.items()}, log)
     leader = "motor_torque" if "motor_torque" in clocks else min(
         clocks, key=lambda role: median_step(clocks[role].time))
     grid = fit_grid(clocks[leader].time)
@@ -67,12 +70,13 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
         count = round((clocks[leader].time[-1] - grid.start) / grid.step) + 1
         _refuse_vast(count, len(grid.index), log)
         at = grid.start + np.arange(count) * grid.step
-        placed = {role: (_hold if role in INPUTS else _interpolate)(at, grid.step, clocks[role].time, v)
-                  for role, v in values.items()}
+        placed, slowed = _convert_rates(at, grid.step, clocks, values)
+        if slowed:
+            findings.append(_slowed_finding(slowed, grid, log))
         places = np.round((clocks[leader].time - grid.start) / grid.step).astype(np.int64)
         segments = _stretches(places, grid.gaps)
         findings.append(_resampled_finding(grid, clocks, leader, log))
-        _require_overlap(placed, log)
+        _require_overlap(placed, log, findings)
     if len(grid.gaps):
         findings.append(_gap_finding(grid, clocks[leader].time, log))
     return Gridded(grid.step, grid.start, placed, tuple(segments), tuple(findings))
@@ -139,13 +143,31 @@ def _interpolate(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarr
     return np.where(inside & near, np.interp(at, time, values), np.nan)
 
 
-def _require_overlap(placed: Mapping[str, np.ndarray], log: str) -> None:
+def _convert_rates(at: np.ndarray, step: float, clocks: Mapping[str, Clock],
+                   values: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """(role -> (n,) on the grid, role -> own step of those that were faster)."""
+    placed, slowed = {}, {}
+    for role, v in values.items():
+        time = clocks[role].time
+        known = time[np.isfinite(v)]
+        own = median_step(known) if len(known) > 2 else step
+        if step > FASTER * own:
+            slowed[role] = own
+            placed[role] = (average if role in INPUTS else low_passed)(at, step, time, v)
+        else:
+            placed[role] = (_hold if role in INPUTS else _interpolate)(at, step, time, v)
+    return placed, slowed
+
+
+def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: list[Finding]) -> None:
     """A signal without a value on the grid was recorded at another time, or by another clock."""
     for role, values in placed.items():
         if not np.any(np.isfinite(values)):
+            told = next((f" {f.text} {f.action}" for f in findings
+                         if f.code == "clock-offset" and role in f.evidence.values()), "")
             raise BadRecording(f"{role} at the time of the other signals in {log}",
                                "clocks that do not overlap",
-                               "Record all signals on one clock, or leave the role out.")
+                               f"Record all signals on one clock, or leave the role out.{told}")
 
 
 def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log: str) -> Finding:
@@ -160,6 +182,14 @@ def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log
                    "" if several else "Record with a fixed rate.")
 
 
+def _slowed_finding(slowed: Mapping[str, float], grid: Grid, log: str) -> Finding:
+    return Finding("note", "anti-aliased",
+                   f"{', '.join(slowed)} of {log} came faster than the grid; sensors were low-passed without "
+                   f"delay at {CUT_OFF / grid.step:.4g} Hz, inputs averaged over each step.",
+                   {"step": grid.step, "cut_off": CUT_OFF / grid.step,
+                    **{f"step_{role}": own for role, own in slowed.items()}})
+
+
 def _lost_finding(grid: Grid, log: str) -> Finding:
     return Finding("warning", "lost-samples",
                    f"{log} lacks {grid.lost} single samples ({100 * grid.lost / grid.size:.2g} %); the "
@@ -169,9 +199,10 @@ def _lost_finding(grid: Grid, log: str) -> Finding:
 
 def _gap_finding(grid: Grid, time: np.ndarray, log: str) -> Finding:
     lengths = np.diff(time)[grid.gaps]
+    often = "once" if len(lengths) == 1 else f"{len(lengths)} times"
     return Finding("warning", "gaps",
-                   f"{log} is interrupted {len(lengths)} times, for up to {lengths.max():.4g} s; it is used "
-                   f"as {len(lengths) + 1} segments.",
+                   f"{log} is interrupted {often}, for up to {lengths.max():.4g} s; it is used as "
+                   f"{len(lengths) + 1} segments.",
                    {"gaps": len(lengths), "longest": float(lengths.max()),
                     "first_at": float(time[grid.gaps[0]])},
                    "Check the recorder for overload.")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from drivetool.errors import BadRecording, DriveToolError
 
 RELATIVE = "relative"
+COUNTS = "counts"
 
 # unit -> (dimension, SI unit, factor, other spellings). A torque may be logged as a torque, a force
 # or a current and an angle as a length: the chain of inertias is the same.
@@ -39,6 +40,8 @@ _TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "ms": ("time", "s", 1e-3, ("msec",)),
     "us": ("time", "s", 1e-6, ("µs", "usec")),
     "ns": ("time", "s", 1e-9, ("nsec",)),
+    # An angle once it is known how many make a revolution.
+    "counts": (COUNTS, "rad", 1.0, ("count", "cnt", "cts", "inc", "increments", "ticks")),
     "%": (RELATIVE, "1", 1e-2, ("percent", "pct")),
     "1": (RELATIVE, "1", 1.0, ("pu", "p.u.")),
 }
@@ -49,7 +52,7 @@ class Unit:
     """A unit of measurement.
 
     text       as this project writes it
-    dimension  torque, angle, speed, time, or relative (a share of a rated value)
+    dimension  torque, angle, speed, time, relative (a share of a rated value) or counts (of an encoder)
     si         the SI unit it converts to; factor: SI value of one unit
     """
 
@@ -82,8 +85,8 @@ _KNOWN |= {"N.m": _KNOWN["Nm"], "kN.m": _KNOWN["kNm"], "mN.m": _KNOWN["mNm"]}
 
 def units_for(dimension: str) -> tuple[str, ...]:
     """The units a role of this dimension takes; a signal may also be a share of its rated value."""
-    relative = () if dimension == "time" else (RELATIVE,)
-    return tuple(name for name, (kind, *_) in _TABLE.items() if kind in (dimension, *relative))
+    more = {"time": (), "angle": (RELATIVE, COUNTS)}.get(dimension, (RELATIVE,))
+    return tuple(name for name, (kind, *_) in _TABLE.items() if kind in (dimension, *more))
 
 
 def parse_unit(text: str | None, dimension: str, where: str,
@@ -93,7 +96,7 @@ def parse_unit(text: str | None, dimension: str, where: str,
     text       as written in the log or the channel map; None if there is none
     dimension  what it must measure: torque, angle, speed or time
     where      whose unit it is, for the message; error: the kind to raise
-    returns    Unit of that dimension, or of dimension "relative" (not for time)
+    returns    Unit of that dimension, or of dimension relative (not for time) or counts (of an angle)
     raises     `error`: missing, unknown or measuring something else; lists what is taken
     """
     takes = units_for(dimension)

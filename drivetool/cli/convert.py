@@ -1,0 +1,53 @@
+"""drivetool convert."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.inputs import Job, inputs_stay
+from drivetool.cli.outcomes import exit_code, guarded, say
+from drivetool.errors import BadOption
+
+HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
+
+Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
+Out = Annotated[str, typer.Option("--out", "-o", metavar="FILE.parquet", help="Where the Parquet goes.")]
+
+
+def command(
+    log: Log, out: Out, map: cli.Map = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("convert", [log], (), map, None, (), out, False, None, strict, debug, quiet)
+    guarded("convert", lambda: run(job), debug)
+
+
+def run(job: Job) -> int:
+    """Read, convert, write; the exit code."""
+    from rich.console import Console
+
+    from drivetool.files import tables
+    from drivetool.files.channel_map_file import load_channel_map
+    from drivetool.files.inspection import finding_sections
+    from drivetool.files.parquet_file import recording_bytes
+    from drivetool.files.write import check_target, write_whole
+    from drivetool.logs.convert import in_si
+    from drivetool.logs.read import read_recording
+
+    if not job.out.lower().endswith(".parquet"):
+        raise BadOption("a file name after --out that ends in .parquet", f"'{job.out}'",
+                        "Name it by what it holds.")
+    inputs_stay(job)
+    check_target(job.out)
+    channel_map = load_channel_map(job.map)
+    converted = in_si(read_recording(job.logs[0], channel_map), channel_map)
+    write_whole(job.out, recording_bytes(converted))
+    if not job.quiet:
+        tables.print_findings(finding_sections(converted.findings), Console(stderr=True, highlight=False))
+        counts = ", ".join(f"{len(c.values)} of {name} [{c.unit}]" for name, c in converted.channels.items())
+        say("convert", f"wrote {job.out}: {counts}")
+    return exit_code((finding.severity for finding in converted.findings), True, job.strict)

@@ -1,0 +1,39 @@
+"""drivetool inspect."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.deliver import deliver
+from drivetool.cli.inputs import Job, inputs_stay
+from drivetool.cli.outcomes import guarded
+
+HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
+
+Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
+
+
+def command(
+    log: Log, map: cli.Map = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("inspect", [log], (), map, None, (), out, json, plot, strict, debug, quiet)
+    guarded("inspect", lambda: run(job), debug)
+
+
+def run(job: Job) -> int:
+    """Read, look, deliver; the exit code."""
+    from drivetool.files.channel_map_file import load_channel_map
+    from drivetool.files.inspection import exhibit, finding_sections, inspection_file
+    from drivetool.files.write import check_target
+    from drivetool.logs.inspect import inspect_log
+
+    inputs_stay(job)
+    if job.out not in (None, "-"):
+        check_target(job.out)
+    found = inspect_log(job.logs[0], load_channel_map(job.map))
+    return deliver(job, inspection_file(found, finding_sections(found.findings)), [exhibit(found)])

@@ -1,0 +1,80 @@
+"""From a faster clock to a slower one without aliasing, and from one grid to another.
+
+A sensor is weighted with a sinc in a Kaiser window, cut off at 0.4 of the new rate: up to 0.3 of the
+new rate nothing changes (1e-3), from 0.5 on at most 1e-3 is left. No delay. An input is averaged
+over the step in which it is going to be held: that keeps its impulse, which is what the drive feels.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from drivetool.logs.clock import BRIDGE_STEPS, GAP_STEPS, median_step
+
+# From this ratio of rates on.
+FASTER = 1.25
+CUT_OFF, HALF_WIDTH, BETA = 0.4, 10, 6.0
+
+
+def average(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(n,) mean over [at, at + step) of an input that is held from sample to sample.
+
+    time, values  (m,) of the input; NaN where the input is missing or older than it may be
+    """
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    own = median_step(time)
+    # Held until the next sample, but not for longer than an input may be old.
+    used = np.minimum(np.append(np.diff(time), own), GAP_STEPS * own)
+    edges = np.column_stack([time, time + used]).ravel()
+
+    def integral(slope):
+        total = np.cumsum(slope * used)
+        rising = np.column_stack([total - slope * used, total]).ravel()
+        return np.interp(at + step, edges, rising) - np.interp(at, edges, rising)
+
+    share = integral(np.ones(len(time))) / step
+    return np.where(share > 0.999, integral(values) / step, np.nan)
+
+
+def low_passed(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(n,) values of a sensor at the new times, without what a grid of `step` cannot show.
+
+    time, values  (m,) of the sensor, on a faster clock; NaN near its ends and its gaps
+    """
+    known = np.isfinite(values)
+    time, values = time[known], values[known]
+    own = median_step(time)
+    count = round((time[-1] - time[0]) / own) + 1
+    grid = time[0] + np.arange(count) * own
+    even = np.interp(grid, time, values)
+    right = np.clip(np.searchsorted(time, grid, side="right"), 1, len(time) - 1)
+    even[time[right] - time[right - 1] > (BRIDGE_STEPS + 0.1) * own] = np.nan
+    centre = np.round((at - time[0]) / own).astype(np.int64)
+    reach = int(np.ceil(HALF_WIDTH * step / own))
+    total, weights = np.zeros(len(at)), np.zeros(len(at))
+    for k in range(-reach, reach + 1):
+        index = centre + k
+        away = (at - (time[0] + index * own)) / step
+        weight = _weight(away)
+        inside = (index >= 0) & (index < count)
+        # A weight of zero does not ask for the sample.
+        total += np.where(weight == 0, 0.0, weight * np.where(inside, even[np.clip(index, 0, count - 1)], np.nan))
+        weights += weight
+    return total / weights
+
+
+def _weight(away: np.ndarray) -> np.ndarray:
+    """The windowed sinc at distances in steps of the new grid, from a table (to 1e-7)."""
+    return np.interp(np.abs(away), *_table(), right=0.0)
+
+
+@cache
+def _table() -> tuple[np.ndarray, np.ndarray]:
+    away = np.linspace(0.0, HALF_WIDTH, 20_001)
+    window = np.i0(BETA * np.sqrt(1 - (away / HALF_WIDTH) ** 2)) / np.i0(BETA)
+    weight = np.sinc(2 * CUT_OFF * away) * window
+    weight[-1] = 0.0
+    return away, weight

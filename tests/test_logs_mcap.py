@@ -1,0 +1,296 @@
+"""MCAP in every encoding: values as the stock decoders give them, paths, clocks, and what is said."""
+
+import itertools
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.writer import CompressionType
+
+from drivetool.errors import BadRecording
+from drivetool.logs import field_path
+from drivetool.logs.build import open_experiment
+from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.mcap import layout, source
+from drivetool.logs.mcap.places import Places
+from drivetool.logs.mcap.ros import cdr_walk
+from drivetool.logs.mcap.source import Source
+from drivetool.logs.mcap.topics import open_topic
+from drivetool.logs.read import read_recording
+from tests import encodings
+
+START, STEP = 1_700_000_000_999_000_123, 400_000
+ROLES = {"motor_torque": {"channel": "torque", "unit": "Nm"}, "motor_speed": {"channel": "speed", "unit": "rad/s"}}
+
+
+def everything(path, **more):
+    return read_recording(path, choose=lambda names: names, **more)
+
+
+def channel_map(roles=ROLES, **more):
+    return ChannelMap.from_mapping({"schema": SCHEMA, "roles": roles, **more})
+
+
+def at(message, name):
+    """The value of a stock message at a channel's name, written apart from the reader."""
+    node, beside = message, None
+    for step in field_path.parse(name):
+        beside = node if isinstance(step, str) else beside
+        if isinstance(step, str):
+            node = node[step] if isinstance(node, dict) else getattr(node, step)
+        elif isinstance(step, int):
+            node = node[step]
+        else:
+            names = beside["name"] if isinstance(beside, dict) else beside.name
+            node = node[list(names).index(step.value)]
+    return float(node)
+
+
+@pytest.mark.parametrize("encoding", encodings.ENCODINGS)
+@pytest.mark.parametrize("options", [
+    {}, {"compression": CompressionType.LZ4}, {"compression": CompressionType.NONE}, {"index": False},
+    {"chunked": False}, {"chunk": 1 << 20}], ids=str)
+def test_values_and_times_of_the_stock_decoders(tmp_path, encoding, options):
+    path = tmp_path / "a.mcap"
+    messages = encodings.rows(150, STEP, START)
+    encodings.write(path, encoding, messages, **options)
+    found = everything(path)
+    assert found.findings == () and found.unreadable == {}
+    if encoding == "protobuf":
+        assert {"/drive.plain", "/drive.sizes[2]", "/drive.effort[name=load]"} <= set(found.channels)
+    expected = encodings.stock(path)
+    assert len(expected) == 150
+    for name, channel in found.channels.items():
+        values = [at(message, name.removeprefix("/drive.")) for _, _, message in expected]
+        np.testing.assert_array_equal(channel.values, values, err_msg=name)
+        np.testing.assert_array_equal(np.round(channel.time * 1e9), [log - START for _, log, _ in expected])
+    assert found.origin == pytest.approx(START / 1e9, abs=1e-6)
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1", "protobuf"])
+def test_one_by_one_gives_the_same(tmp_path, encoding, monkeypatch):
+    encodings.write(tmp_path / "a.mcap", encoding, encodings.rows(300, STEP, START))
+    together = everything(tmp_path / "a.mcap")
+    monkeypatch.setattr(layout, "TRIES", 0)
+    monkeypatch.setattr(layout, "EACH", np.inf)
+    alone = everything(tmp_path / "a.mcap")
+    assert list(together.channels) == list(alone.channels)
+    for name, channel in together.channels.items():
+        assert channel.values.tobytes() == alone.channels[name].values.tobytes(), name
+
+
+def test_json_one_by_one_gives_the_same(tmp_path):
+    messages = encodings.rows(300, STEP, START)
+    encodings.write(tmp_path / "a.mcap", "json", messages)
+    together = everything(tmp_path / "a.mcap")
+    # A NaN, which strict JSON does not have, sends the whole chunk through the other decoder.
+    messages[150]["torque"] = float("nan")
+    encodings.write(tmp_path / "b.mcap", "json", messages, chunk=1 << 20)
+    alone = everything(tmp_path / "b.mcap")
+    for name, channel in together.channels.items():
+        keep = np.arange(300) != (150 if name == "/drive.torque" else -1)
+        np.testing.assert_array_equal(channel.values[keep], alone.channels[name].values[keep], err_msg=name)
+    assert np.isnan(alone.channels["/drive.torque"].values[150])
+
+
+@pytest.mark.parametrize("encoding", encodings.ENCODINGS)
+def test_lists_of_varying_length_and_order(tmp_path, encoding):
+    messages = encodings.rows(120, STEP, START)
+    for k, message in enumerate(messages):
+        if k % 5 == 0:
+            message["name"], message["effort"] = ["brake", "load", "motor"], [0.5, 10.0 + k, 20.0 + k]
+        if k % 7 == 0:
+            message["name"], message["effort"] = ["load"], [30.0 + k]
+        message["note"] = "x" * (k % 11)
+    encodings.write(tmp_path / "a.mcap", encoding, messages)
+    roles = {"motor_torque": "/drive.effort[name=motor]", "load_torque": "effort[name=load]",
+             "shaft_torque": "/drive.effort[2]"}
+    found = read_recording(tmp_path / "a.mcap", channel_map(roles))
+    for channel, name in (("/drive.effort[name=motor]", "motor"), ("/drive.effort[name=load]", "load")):
+        expected = [dict(zip(m["name"], m["effort"], strict=True)).get(name, np.nan) for m in messages]
+        np.testing.assert_array_equal(found.channels[channel].values, expected)
+    expected = [m["effort"][2] if len(m["effort"]) > 2 else np.nan for m in messages]
+    np.testing.assert_array_equal(found.channels["/drive.effort[2]"].values, expected)
+
+
+@given(st.lists(st.sampled_from([0, 1, 2, 5]), min_size=1, max_size=80), st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_any_mixture_of_layouts(tmp_path_factory, lengths, seed):
+    path = tmp_path_factory.mktemp("mix") / "a.mcap"
+    rng = np.random.default_rng(seed)
+    messages = encodings.rows(len(lengths), STEP, START, seed)
+    for message, length in zip(messages, lengths, strict=True):
+        message["name"] = [f"j{i}" for i in range(length)]
+        message["effort"] = rng.normal(size=length).tolist()
+        message["counts"] = int(rng.integers(-2, 2)) << int(rng.integers(0, 30))
+        message["note"] = "é" * int(rng.integers(0, 3))
+    for encoding in ("cdr", "protobuf"):
+        encodings.write(path, encoding, messages, chunk=2000)
+        found = everything(path)
+        for name in ("torque", "speed", "counts", "temperature", "state"):
+            np.testing.assert_array_equal(found.channels[f"/drive.{name}"].values, [m[name] for m in messages])
+        if max(lengths) == 5:
+            np.testing.assert_array_equal(found.channels["/drive.effort[name=j4]"].values,
+                                          [m["effort"][4] if len(m["effort"]) == 5 else np.nan for m in messages])
+
+
+def test_every_encoding_gives_the_same_experiment(tmp_path):
+    messages = encodings.rows(200, STEP, START)
+    found = []
+    for encoding in encodings.ENCODINGS:
+        encodings.write(tmp_path / "a.mcap", encoding, messages)
+        found.append(open_experiment(tmp_path / "a.mcap", channel_map()))
+    for one in found:
+        assert (one.step, one.start, one.segments, one.findings) == (
+            found[0].step, found[0].start, found[0].segments, ())
+        for role, values in one.signals.items():
+            assert values.tobytes() == found[0].signals[role].tobytes()
+
+
+@pytest.mark.parametrize(("encoding", "stamp"), [
+    ("json", "header.stamp"), ("cdr", "header.stamp"), ("cdr", "/drive.header.stamp"), ("ros1", "header.stamp"),
+    ("protobuf", "header.stamp"), ("cdr", "log_time"), ("cdr", "publish_time")])
+def test_clocks(tmp_path, encoding, stamp):
+    messages = encodings.rows(100, STEP, START)
+    encodings.write(tmp_path / "a.mcap", encoding, messages)
+    found = read_recording(tmp_path / "a.mcap", channel_map(time=stamp))
+    for channel in found.channels.values():
+        np.testing.assert_array_equal(channel.time, np.arange(100) * STEP / 10**9)
+    late = 1e-3 * (stamp == "publish_time")
+    assert found.origin == pytest.approx(START / 1e9 + late, abs=3e-7)
+
+
+def test_topics_at_different_rates_with_clocks_of_their_own(tmp_path):
+    fast, slow = encodings.rows(100, STEP, START), encodings.rows(40, 1_000_000, START + 70_000, seed=4)
+    encodings.write_topics(tmp_path / "a.mcap", [("/drive1", "cdr", fast), ("/drive2", "protobuf", slow),
+                                                 ("/other", "json", slow)])
+    found = everything(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(found.channels["/drive1.torque"].values, [m["torque"] for m in fast])
+    np.testing.assert_array_equal(found.channels["/drive2.torque"].values, [m["torque"] for m in slow])
+    slow_time = (70_000 + np.arange(40) * 1_000_000) / 10**9
+    np.testing.assert_array_equal(found.channels["/drive2.torque"].time, slow_time)
+    with pytest.raises(BadRecording, match=r"one channel 'torque'.*/drive1\.torque, /drive2\.torque, /other\.torq"):
+        read_recording(tmp_path / "a.mcap", channel_map())
+    roles = {"motor_torque": "/drive1.torque", "motor_speed": {"channel": "/drive2.speed", "time": "publish_time"}}
+    found = read_recording(tmp_path / "a.mcap", channel_map(roles, time="header.stamp"))
+    assert found.channels["/drive2.speed"].time[0] == pytest.approx(1_070_000e-9, rel=1e-12)
+    assert found.channels["/drive1.torque"].time[0] == 0.0
+
+
+def test_units_in_the_file(tmp_path):
+    messages = encodings.rows(60, STEP, START)
+    for encoding, torque in (("json", "Nm"), ("cdr", "Nm"), ("ros1", "Nm"), ("protobuf", None)):
+        encodings.write(tmp_path / "a.mcap", encoding, messages, metadata={"unit:counts": "deg"})
+        found = everything(tmp_path / "a.mcap")
+        assert found.channels["/drive.torque"].unit == torque
+        assert found.channels["/drive.counts"].unit == "deg"
+        assert found.channels["/drive.effort[name=load]"].unit == ("Nm" if encoding == "json" else None)
+
+
+def test_unknown_encodings_are_told(tmp_path):
+    path = tmp_path / "a.mcap"
+    encodings.write(path, "cdr", encodings.rows(60, STEP, START), compression=CompressionType.NONE)
+    raw = path.read_bytes()
+    path.write_bytes(raw.replace(b"ros2msg", b"ros2idl"))
+    with pytest.raises(BadRecording, match="checksum"):
+        read_recording(path)  # the change is in a chunk
+    encodings.write(path, "cdr", encodings.rows(60, STEP, START), chunked=False)
+    path.write_bytes(path.read_bytes().replace(b"ros2msg", b"ros2idl"))
+    with pytest.raises(BadRecording, match=r"only /drive \(encoding cdr with schema encoding ros2idl, not ros2msg"):
+        read_recording(path)
+    assert everything(path).unreadable == {"/drive": "encoding cdr with schema encoding ros2idl, not ros2msg"}
+
+
+def test_schema_without_the_field_lists_those_there_are(tmp_path):
+    encodings.write(tmp_path / "a.mcap", "cdr", encodings.rows(60, STEP, START))
+    with pytest.raises(BadRecording, match=r"'torqe' for motor_torque.*/drive.torque, .*effort\[name=motor\]"):
+        read_recording(tmp_path / "a.mcap", channel_map({"motor_torque": "torqe"}))
+    with pytest.raises(BadRecording, match=r"time field 'stamp' in topic /drive.*header\.stamp\.sec"):
+        read_recording(tmp_path / "a.mcap", channel_map(time="stamp"))
+
+
+def test_cdr_of_both_byte_orders_and_versions():
+    text = "uint8 a\nfloat64 x\nuint8[] few\nint16[2] pair\nstring s\nbool ok\n"
+    for order, kind in itertools.product("<>", (0, 6)):
+        head = bytes([0, kind + (order == "<"), 0, 0])
+        pad = 7 if kind == 0 else 3
+        message = head + struct.pack(f"{order}B{pad}xdIBBhh2xI3s?", 7, -1.5, 2, 3, 4, -5, 6, 3, b"ab\0", True)
+        walk, _ = cdr_walk("t/T", text)
+        columns = layout.Columns(walk, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
+        places = Places.of(np.frombuffer(message, np.uint8), np.array([0]))
+        found, good = columns.read(places, np.array([len(message)]))
+        assert good.all() and [column[0] for column in found] == [7, -1.5, 4, -5, 1]
+
+
+def test_json_values_of_changing_kind(tmp_path):
+    messages = encodings.rows(60, STEP, START)
+    for k, value in enumerate([[1, 2], "3", True, None, {"a": 1}], 7):
+        messages[k]["torque"] = value
+    encodings.write(tmp_path / "a.mcap", "json", messages)
+    found = everything(tmp_path / "a.mcap").channels["/drive.torque"].values
+    np.testing.assert_array_equal(found[5:13], [messages[5]["torque"], messages[6]["torque"], np.nan, np.nan, 1.0,
+                                                np.nan, np.nan, messages[12]["torque"]])
+
+
+def test_a_message_that_is_no_text(tmp_path):
+    encodings.write(tmp_path / "a.mcap", "json", encodings.rows(60, STEP, START), chunked=False)
+    raw = (tmp_path / "a.mcap").read_bytes()
+    at = raw.index(b'"motor"', len(raw) // 2)
+    (tmp_path / "a.mcap").write_bytes(raw[:at + 2] + b"\xb5" + raw[at + 3:])
+    found = everything(tmp_path / "a.mcap")
+    assert [f.code for f in found.findings] == ["broken-messages"]
+    assert len(found.channels["/drive.torque"].values) == 59
+
+
+def test_samples_teach_lists_that_begin_empty(tmp_path):
+    messages = encodings.rows(200, STEP, START)
+    for message in messages[:100]:
+        message["name"], message["effort"] = [], []
+    encodings.write(tmp_path / "a.mcap", "cdr", messages)
+    found = everything(tmp_path / "a.mcap").channels["/drive.effort[name=motor]"].values
+    assert np.all(np.isnan(found[:100])) and found[199] == messages[199]["effort"][0]
+
+
+def test_a_broken_message_is_left_out_and_said(tmp_path):
+    messages = encodings.rows(80, STEP, START)
+    for encoding in ("cdr", "protobuf", "ros1"):
+        encodings.write(tmp_path / "a.mcap", encoding, messages, chunked=False)
+        opened = Source(tmp_path / "a.mcap")
+        fields = open_topic(opened.topics["/drive"])
+        block = next(opened.blocks())
+        _, places, lengths = block.of([1])
+        lengths[40] -= 5
+        (torque,), good = fields.columns([("torque",)]).read(places, lengths)
+        assert list(np.flatnonzero(~good)) == [40]
+        np.testing.assert_array_equal(torque[good], [m["torque"] for k, m in enumerate(messages) if k != 40])
+
+
+def test_files_that_do_not_fit_into_memory_are_read_twice(tmp_path, monkeypatch):
+    encodings.write(tmp_path / "a.mcap", "cdr", encodings.rows(300, STEP, START))
+    once = everything(tmp_path / "a.mcap")
+    monkeypatch.setattr(source, "KEPT", 3000)
+    twice = everything(tmp_path / "a.mcap")
+    for name, channel in once.channels.items():
+        assert channel.values.tobytes() == twice.channels[name].values.tobytes()
+
+
+STEPS = st.lists(st.from_regex(r"[a-z_]{1,5}", fullmatch=True) | st.integers(0, 99)
+                 | st.builds(field_path.Where, st.just("name"), st.from_regex(r"[a-z0-9 .]{1,5}", fullmatch=True)))
+
+
+@given(st.from_regex(r"[a-z]{1,5}", fullmatch=True), STEPS)
+def test_paths_are_written_as_they_are_read(first, steps):
+    path = tuple(step if not isinstance(step, field_path.Where) else field_path.Where("name", step.value.strip())
+                 for step in (first, *steps))
+    assert field_path.parse(field_path.text_of(path)) == path
+
+
+def test_elements_of_lists_of_messages():
+    tree = {"axes": [{"name": "x", "torque": 1.0}, {"name": "y", "torque": 2.0}], "other": [3.0, 4.0]}
+    listed = [field_path.text_of(path) for path in field_path.paths(tree, lambda v: isinstance(v, float))]
+    assert listed == ["axes[name=x].torque", "axes[name=y].torque", "other[0]", "other[1]"]
+    assert field_path.find(tree, field_path.parse("axes[name=y].torque")) == 2.0
+    assert field_path.find(tree, field_path.parse("axes[name=z].torque")) is None
+    assert field_path.parse("a[") is None and field_path.parse("a[x]") is None and field_path.parse("") is None
