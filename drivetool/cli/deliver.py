@@ -51,6 +51,10 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
     console.width = max(80, console.width)  # narrower, and numbers would be cut
     if hasattr(file, "verdict"):
         tables.print_validation(file, console)
+    elif file.step in ("spectra", "compare"):
+        from drivetool.files import analysis_tables
+
+        analysis_tables.print_analysis(file, console)
     else:
         tables.print_estimate(file, console)
 

@@ -9,10 +9,10 @@ from typing import Annotated
 import typer
 
 from drivetool import __version__
-from drivetool.cli import backlash, blackbox, greybox, show, steady, validate
+from drivetool.cli import backlash, blackbox, greybox, show, spectra, steady, validate
 
 # In the order in which they are used.
-COMMANDS = {"steady": steady, "blackbox": blackbox, "greybox": greybox, "backlash": backlash,
+COMMANDS = {"steady": steady, "spectra": spectra, "blackbox": blackbox, "greybox": greybox, "backlash": backlash,
             "validate": validate, "show": show}
 
 app = typer.Typer(

@@ -15,6 +15,31 @@ class CriterionName(StrEnum):
     simulation = "simulation"
 
 
+class GreyCriterionName(StrEnum):
+    """What a grey-box fit minimises, in time or in frequency."""
+
+    innovations = "innovations"
+    simulation = "simulation"
+    frequency = "frequency"
+
+
+class WeightingName(StrEnum):
+    """How a fit in the frequency domain weighs its lines."""
+
+    variance = "variance"
+    coherence = "coherence"
+
+
+class StructureName(StrEnum):
+    """Polynomial structures of the black box."""
+
+    oe = "oe"
+    bj = "bj"
+    arx = "arx"
+    armax = "armax"
+    innovations = "innovations"
+
+
 def _option(*names: str, help: str, **more):
     """A typer option with its help in one line."""
     return typer.Option(*names, help=help, **more)
@@ -61,3 +86,17 @@ MinFit = Annotated[float | None, _option(
 MaxCorrelation = Annotated[float, _option(
     "--max-correlation", metavar="R", min=0.0, max=1.0,
     help="Largest cross-correlation of residual and input; missed: exit code 3.")]
+Structure = Annotated[StructureName | None, _option(
+    "--structure", help="A polynomial model in discrete time instead of the third-order one in continuous time.")]
+Order = Annotated[int | None, _option(
+    "--order", metavar="N", min=1, help="Order of its dynamics, 2 n - 1 for n bodies. Default: by held-out score.")]
+NoiseOrder = Annotated[int | None, _option(
+    "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
+GreyCriterion = Annotated[GreyCriterionName, _option(
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
+    "distance from the measured frequency response.")]
+Weighting = Annotated[WeightingName, _option(
+    "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
+    "over frequency, of logarithms.")]
+Band = Annotated[tuple[float, float] | None, _option(
+    "--band", metavar="LOW HIGH", help="Hz; lines outside are left out.")]

@@ -8,13 +8,15 @@ from pathlib import Path
 
 import msgspec
 
-from drivetool.files import shapes
+from drivetool.files import analysis_shapes, shapes
 from drivetool.files.write import write_whole
 
 TITLES = {
     "parameters": "drivetool parameter file",
     "validation": "drivetool validation file",
     "channel-map": "drivetool channel map",
+    "spectra": "drivetool spectra file",
+    "comparison": "drivetool comparison file",
 }
 
 
@@ -23,7 +25,8 @@ def schemas() -> dict[str, str]:
     from drivetool.logs.channel_map import ChannelMapFile
 
     types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
-             "channel-map": ChannelMapFile}
+             "channel-map": ChannelMapFile, "spectra": analysis_shapes.SpectraFile,
+             "comparison": analysis_shapes.ComparisonFile}
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
 
 
