@@ -53,6 +53,10 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive = with_totals(drive, options.free)
     asked, options = options, expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
+    if options.criterion == "frequency":
+        from drivetool.identify.frequency_fit import greybox_by_frequency
+
+        return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome = fit_task(task, options, [{}])
     outcome = coloured(split_totals(outcome, asked))

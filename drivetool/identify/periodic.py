@@ -17,6 +17,7 @@ from drivetool.identify.frf import Response
 
 PERIODIC = 0.9  # correlation with itself one period later that is taken for periodic
 STEP_DOWN = 3.0  # ratio of neighbouring amplitudes, sorted, that parts excited lines from leftovers
+FEW = 10  # periods below which variances are smoothed over neighbouring lines: weights must not be a lottery
 SURE = 9.0  # power over that of the noise above which a level is said to be there
 
 
@@ -112,6 +113,9 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
             f"two periods of {size * step:g} s after {skip} for the transient",
             f"{len(stretch) * step:g} s", "Record more periods, or do without --method periodic.")
     x = stretch[len(stretch) - count * size:]  # the last ones: furthest from the transient
+    for _ in range(2 if count >= 6 else int(count >= 4)):
+        x = _without_drift(x, size)
+        count -= 1
     slope = (x[-size:].mean(axis=0) - x[:size].mean(axis=0)) / ((count - 1) * size)
     x = x - x.mean(axis=0) - slope * (np.arange(len(x)) - 0.5 * len(x))[:, None]
     spectra = np.fft.rfft(x.reshape(count, size, -1), axis=1)[:, 1: (size - 1) // 2 + 1] / size
@@ -120,6 +124,21 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
     if excited is None:
         excited = excited_lines(u if r is None else r)
     return Lines(u, y, r, step, size, excited)
+
+
+def _without_drift(x: np.ndarray, size: int) -> np.ndarray:
+    """A period less of the signals, without what changes slowly: their mean over a period around each sample.
+
+    A free drive drifts, and a transient of its slow pole outlasts any record; the mean over a whole period
+    has zeros at all lines of the excitation, so that what repeats is not touched.
+    """
+    total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
+    mean = (total[size:] - total[:-size]) / size  # over x[i: i + size], centred at i + (size - 1)/2
+    first = (size - 1) // 2
+    if size % 2 == 0:
+        mean, first = 0.5 * (mean[:-1] + mean[1:]), size // 2
+    keep = len(x) - size
+    return x[first: first + keep] - mean[:keep]
 
 
 def excited_lines(x: np.ndarray) -> np.ndarray:
@@ -173,9 +192,17 @@ def _of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     suu, syy = np.sum(np.abs(du) ** 2, axis=0) / scale, np.sum(np.abs(dy) ** 2, axis=0) / scale
     syu = np.sum(dy * np.conj(du), axis=0) / scale
     g = ym / um
+    if p < FEW:
+        suu, syy, syu = (_smooth(a) for a in (suu, syy, syu))
     # Noise that feeds back to the input is in both: the covariance takes it out again.
     relative = syy / np.abs(ym) ** 2 + suu / np.abs(um) ** 2 - 2.0 * (syu / (ym * np.conj(um))).real
     return g, np.abs(g) ** 2 * np.maximum(relative, 0.0), syy
+
+
+def _smooth(x: np.ndarray, width: int = 5) -> np.ndarray:
+    """Mean over neighbouring lines; the ends as they are extended."""
+    half = min(width // 2, (len(x) - 1) // 2)
+    return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
 def distortions(runs: Sequence[Lines]) -> tuple[Distortion, ...]:
