@@ -1,16 +1,15 @@
 """The kernel against exact steps of linear chains, and the tools that the other kernel tests share."""
 
-import ast
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivetool.drive import compiled
-from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive import augment, compiled
+from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import Drive
-from drivetool.drive.simulate import Plant, Trace
+from drivetool.drive.simulate import Trace
 from tests.simulator.machine import Machine, State, at_rest, machine_by_seed
 from tests.simulator.simulate import simulate, simulate_linear
 
@@ -42,8 +41,7 @@ def plant_of(drive, outputs, free=(), step=STEP, load=False, **more):
     """A drive ready to run."""
     inputs = ("motor_torque", "load_torque") if load else ("motor_torque",)
     layout = Layout(tuple(free), inputs, tuple(outputs), step, gradient=bool(free), **more)
-    whole = int((drive.value("converter.dead_time") or 0.0) / step + 1e-9)
-    return Plant(Assembly(drive, layout).system(), whole)
+    return augment.plant_of(drive, layout)
 
 
 def start_of(machine, plant, start=None):
@@ -155,10 +153,10 @@ def test_a_total_is_shared_out():
     np.testing.assert_allclose(*runs, atol=1e-12)
 
 
-def test_the_compiled_code_is_keyed_by_all_its_sources():
+def test_the_compiled_code_is_keyed_by_all_its_sources(monkeypatch):
     """Numba's own cache would not see a change in a file that the compiled function only calls."""
-    room = Path(compiled.__file__).parent
-    for name in compiled._SOURCES:
-        for node in ast.walk(ast.parse((room / f"{name}.py").read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module.startswith("drivetool.drive."):
-                assert node.module.removeprefix("drivetool.drive.") in compiled._SOURCES
+    before, read = compiled._cache_folder(), Path.read_bytes
+    for name in ("run.py", "effects/drag.py"):
+        monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
+            b"#" if file.as_posix().endswith(f"drive/{name}") else b""))
+        assert compiled._cache_folder() != before

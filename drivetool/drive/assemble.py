@@ -16,6 +16,7 @@ from drivetool.drive.dual import Dual
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
+Row = dict[int, Dual]  # state -> factor
 PAD = 4  # parameter columns come in fours: fewer variants to compile, and whole vectors
 
 
@@ -40,6 +41,19 @@ class Layout:
     gradient: bool = True
 
 
+@dataclass(frozen=True)
+class Law:
+    """A smooth law as an effect stamped it: see `Assembly.law`."""
+
+    name: str
+    parameters: tuple[Dual, ...]
+    first: Row
+    second: Row
+    body: int
+    shaft: int
+    slides: bool
+
+
 class Assembly:
     """The equations under construction; effects call `torque`, `couple`, `gap` and so on."""
 
@@ -48,12 +62,14 @@ class Assembly:
         self.nq = -(-len(layout.free) // PAD) * PAD if layout.gradient else 0
         self.n = len(drive.bodies)
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
-        if angle_roles(layout):
+        if angle_roles(layout) or self._turns():
             self.states.append("angle")
         # Every further encoder has a zero of its own, a constant that the start state holds.
         self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
         if self.acts_on_path("bandwidth"):
             self.states += ["converter", "converter.rate"]
+        if self.filters_speed():
+            self.states.append("motor_speed.filtered")
         if layout.memory is not None:
             self.states.append("disturbance")
         self.nx, self.nu = len(self.states), len(layout.inputs)
@@ -62,7 +78,8 @@ class Assembly:
         self.masses: list[Dual] = []
         self.shafts: list[tuple[Dual, Dual, Dual]] = []
         self.gaps: dict[int, Dual] = {}
-        self.frictions: list[tuple[int, Dual]] = []
+        self.frictions: dict[int, Dual] = {}
+        self.laws: list[Law] = []
         self.dead_time = self.number(0.0)
         for effect, _, index in drive.effects():
             effect.stamp(self, index)
@@ -104,6 +121,10 @@ class Assembly:
         """A parameter of the torque path."""
         return self.parameter(f"converter.{suffix}")
 
+    def of_sensor(self, suffix: str) -> Dual:
+        """A parameter of the motor speed sensor."""
+        return self.parameter(f"sensor.{suffix}")
+
     def _acts(self, name: str) -> bool:
         return name in self.layout.free or self.drive.value(name) != self.drive.quantity(name).neutral
 
@@ -119,6 +140,15 @@ class Assembly:
         """Whether an effect of the torque path is present."""
         return self._acts(f"converter.{suffix}")
 
+    def filters_speed(self) -> bool:
+        """Whether the motor speed goes through a low-pass before it is logged."""
+        return "motor_speed" in self.layout.outputs and self._acts("sensor.bandwidth")
+
+    def _turns(self) -> bool:
+        """Whether a torque depends on the angle."""
+        return any(self._acts(f"{body}.{kind}_{part}") for body, kind in (
+            (self.drive.bodies[0], "ripple"), (self.drive.bodies[-1], "imbalance")) for part in ("sine", "cosine"))
+
     def speed(self, body: int) -> int:
         """Column of a body's speed."""
         return body
@@ -133,8 +163,34 @@ class Assembly:
         self.masses.append(value)
 
     def friction(self, body: int, level: Dual) -> None:
-        """Set-valued friction of a level on a body."""
-        self.frictions.append((body, level))
+        """Set-valued friction of a level on a body; levels add up."""
+        self.frictions[body] = self.frictions[body] + level if body in self.frictions else level
+
+    def law(self, name: str, parameters: Sequence[Dual], first: Row, second: Row | None = None, *,
+            body: int = -1, shaft: int = -1, slides: bool = False) -> None:
+        """Add a smooth law: a torque on a body, or one in a shaft that acts on both its ends.
+
+        first, second  its arguments over the state
+        slides         whether it is friction, which acts while the body slides
+        """
+        self.laws.append(Law(name, tuple(parameters), first, second or {}, body, shaft, slides))
+
+    def twist(self, shaft: int) -> Row:
+        """Twist of a shaft over the state."""
+        return {self.n + shaft: self.number(1.0)}
+
+    def twist_rate(self, shaft: int) -> Row:
+        """Rate of the twist of a shaft over the state."""
+        return {shaft: 1.0 / self.shafts[shaft][2], shaft + 1: self.number(-1.0)}
+
+    def angle_of(self, body: int) -> Row:
+        """Angle of a body over the state."""
+        row = {self.states.index("angle"): self.number(1.0)}
+        for k in range(body):
+            ratio = self.shafts[k][2]
+            row = {column: factor / ratio for column, factor in row.items()}
+            row[self.n + k] = self.number(-1.0)
+        return row
 
     def couple(self, shaft: int, stiffness: Dual, damping: Dual, ratio: Dual) -> None:
         """Join two neighbours; whether with a gap is decided by `gap`."""
@@ -221,19 +277,20 @@ class Assembly:
             return self.damper(0) if always else {}, list(self.gaps).index(0)
         body = self.body_of(role)
         one = self.number(1.0)
+        if role == "motor_speed" and self.filters_speed():
+            return {self.states.index("motor_speed.filtered"): one}, -1
         if role.endswith("speed"):
             return {body: one}, -1
-        row = {self.states.index("angle"): one}
-        for k in range(body):
-            ratio = self.shafts[k][2]
-            row = {column: factor / ratio for column, factor in row.items()}
-            row[self.n + k] = -one
+        row = self.angle_of(body)
         if f"{role}.zero" in self.states:
             row[self.states.index(f"{role}.zero")] = one
         return row, -1
 
-    def system(self) -> System:
-        """The arrays for the kernel."""
+    def system(self, pieces: int = 1) -> System:
+        """The arrays for the kernel.
+
+        pieces  into which every part of a sample is cut
+        """
         nx, nz, nq = self.nx, self.constant + 1, self.nq
         rows = np.zeros((nx, nz, 1 + nq))
         for (r, j), dual in self.rows.items():
@@ -249,6 +306,8 @@ class Assembly:
         h = self.layout.step
         samples = self.dead_time.v / h
         part = max(samples - int(samples + 1e-9), 0.0) * h  # as the whole samples are counted
+        spans = np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h])
+        bodies = sorted(self.frictions)
         memory = np.ones(nx)
         if self.layout.memory is not None:
             memory[self.states.index("disturbance")] = self.layout.memory
@@ -257,10 +316,8 @@ class Assembly:
             rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring,
             self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),
             self._jets(gains).reshape(-1, 2, 1 + nq),
-            np.array([b for b, _ in self.frictions], np.int64),
-            self._jets([level for _, level in self.frictions]), outputs, output_gap,
-            _picks(outputs, output_gap),
-            np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h]),
+            np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,
+            _picks(outputs, output_gap), np.repeat(spans, pieces) / pieces, (len(spans) - 1) * pieces,
             self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
             len(outputs), ns)
 

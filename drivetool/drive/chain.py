@@ -53,7 +53,8 @@ class Drive:
     def effects(self) -> Iterator[tuple[Effect, str, int]]:
         """(effect, owner, index of the owner) for everything that can act here."""
         for effect in EFFECTS:
-            owners = {"body": self.bodies, "shaft": self.shafts, "path": ("converter",)}[effect.of]
+            owners = {"body": self.bodies, "shaft": self.shafts, "path": ("converter",),
+                      "sensor": ("sensor",)}[effect.of]
             for index, owner in enumerate(owners):
                 yield effect, owner, index
 

@@ -12,12 +12,10 @@ from pathlib import Path
 
 import numba
 
-_SOURCES = ("compiled", "system", "modes", "roots", "events", "kernel", "run")
-
 
 def _cache_folder() -> str:
     here = Path(__file__).parent
-    sources = b"".join((here / f"{name}.py").read_bytes() for name in _SOURCES)
+    sources = b"".join(file.read_bytes() for file in sorted(here.rglob("*.py")))
     key = "kernel-" + hashlib.sha256(sources).hexdigest()[:16]
     if base := os.environ.get("NUMBA_CACHE_DIR"):
         return str(Path(base) / key)
@@ -31,5 +29,6 @@ numba.config.CACHE_DIR = _cache_folder()
 
 # The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
 # every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
-COMPILE = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
+COMPILE = {"cache": True, "nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
 HOT = {**COMPILE, "forceinline": True}
+LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law

@@ -78,7 +78,7 @@ def sum_of_sizes(row, x, u):
 
 
 @njit(**COMPILE)
-def next_event(s, net, mode, x, u, w, p, end, fresh):
+def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     """(time, element, new digit) of the earliest event, element -1 if there is none.
 
     `fresh` has a bit for every element that has switched at this very moment.
@@ -103,7 +103,7 @@ def next_event(s, net, mode, x, u, w, p, end, fresh):
             if t >= 0.0:
                 te, element, digit = t, g, new
     for f in range(s.nf):
-        e, row, level = s.ng + f, s.slip_rows[f], s.level[f, 0]
+        e, row, level = s.ng + f, s.slip_rows[f], hold[f, 0]
         new_one = (fresh >> e) & 1 == 1
         noise = NOISE * (level + sum_of_sizes(net[f], x, u))
         if mode[e] != 1:
@@ -167,13 +167,13 @@ def load_on(net, x, u):
 
 
 @njit(**COMPILE)
-def switch(s, net, mode, x, u, big, element, digit):
+def switch(s, hold, net, mode, x, u, big, element, digit):
     """Change the mode at an event and apply the saltation."""
     f = element - s.ng
     if f < 0 or mode[element] == 1:
         mode[element] = digit
         return
-    row, side, level = s.slip_rows[f], 1.0 - mode[element], s.level[f, 0]
+    row, side, level = s.slip_rows[f], 1.0 - mode[element], hold[f, 0]
     x[row] = 0.0
     load = load_on(net[f], x, u)
     if side * load >= -level:
@@ -189,13 +189,13 @@ def switch(s, net, mode, x, u, big, element, digit):
 
 
 @njit(**COMPILE)
-def release(s, net, x, u, mode):
+def release(s, hold, net, x, u, mode):
     """Let go the bodies that friction cannot hold any more; returns whether there are any."""
     found = False
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
             load = load_on(net[f], x, u)
-            if abs(load) > s.level[f, 0]:
+            if abs(load) > hold[f, 0]:
                 mode[s.ng + f] = 0 if load > 0.0 else 2
                 found = True
     return found
@@ -205,7 +205,7 @@ def release(s, net, x, u, mode):
 def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
     """A stretch in a mode too fast for the record: exact in that mode, which is chosen anew after."""
     to = c.rate.size - 1
-    if release(s, c.net[k], x, u[i], mode):
+    if release(s, c.hold, c.net[k], x, u[i], mode):
         k = lookup(s, c, mode, part)
     step_matrix(s, c, mode, k, to, h)
     predict(c.leap, to, x, u, i, c.vectors[1])
@@ -234,7 +234,7 @@ def event_step(s, c, x, inputs, i, big, mode, part):
         te, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         series(a, x, u, w)
         if events < MOST:
-            te, element, digit = next_event(s, net, mode, x, u, w, p, te, fresh)
+            te, element, digit = next_event(s, c.hold, net, mode, x, u, w, p, te, fresh)
         if te > 0.0:
             carry(a, x, u, big, w, v, t, te)
             for r in range(s.nx):
@@ -242,7 +242,7 @@ def event_step(s, c, x, inputs, i, big, mode, part):
             fresh = 0
         rest = rest - te if te < rest else 0.0
         if element >= 0:
-            switch(s, net, mode, x, u, big, element, digit)
+            switch(s, c.hold, net, mode, x, u, big, element, digit)
             fresh |= 1 << element
             events += 1
 
@@ -269,7 +269,7 @@ def switch_late(s, c, x, u, late, big, mode, k):
         jump[r] = 0.0
         for j in range(s.nu):
             jump[r] += c.flow[k, r, s.nx + j, 0] * (late[j] - u[j])
-    freed = s.nf > 0 and release(s, c.net[k], x, u, mode)
+    freed = s.nf > 0 and release(s, c.hold, c.net[k], x, u, mode)
     if freed:
         # The switch lets a body go: its acceleration begins here too.
         for r in range(s.nx):

@@ -64,6 +64,9 @@ def build(s, c, mode, part, k):
     c.rate[k] = balanced_norm(a, c.square, nx)
     step_matrix(s, c, mode, k, k, s.spans[part])
     look_ahead(s, c, mode, k, s.spans[part])
+    if c.mid.shape[0] > 0:
+        exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
+        let_rest(s, c.mid[k], mode)
 
 
 @njit(**COMPILE)
@@ -81,9 +84,15 @@ def hold(a, row):
 def step_matrix(s, c, mode, k, to, h):
     """The exact step of mode k over h seconds, into slot `to`."""
     exponential(c.flow[k], h, c.rate[k], c.jets, c.leap[to], c.dleap[to])
+    let_rest(s, c.leap[to], mode)
+
+
+@njit(**COMPILE)
+def let_rest(s, leap, mode):
+    """A start speed that was zero counts no more once the body sticks."""
     for f in range(s.nf):
-        if mode[s.ng + f] == 1:  # a start speed that was zero counts no more once the body sticks
-            c.leap[to, s.slip_rows[f], s.slip_rows[f]] = 0.0
+        if mode[s.ng + f] == 1:
+            leap[s.slip_rows[f], s.slip_rows[f]] = 0.0
 
 
 @njit(**COMPILE)

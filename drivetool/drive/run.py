@@ -1,4 +1,4 @@
-"""The two passes over a record: simulation with sensitivities, and the Kalman filter."""
+"""The pass over a record that simulates it, with sensitivities and with or without an observer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from numba import njit
 from drivetool.drive.compiled import COMPILE, HOT
 from drivetool.drive.events import rough_step, switch_late
 from drivetool.drive.kernel import classify, forget, guard_values, predict, propagate, stays
+from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import lookup
+from drivetool.drive.smooth import law_step
+from drivetool.drive.smooth_events import first_columns, law_rough_step
 
 
 @njit(**HOT)
@@ -79,6 +82,48 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
     return classify(reach, old, mode)
 
 
+@njit(**HOT)
+def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, new, old):
+    """Carry x and big over a part of a sample; (slot of the mode, whether it was free of events).
+
+    k  slot of the mode, or -1 if it has to be looked up
+    """
+    if s.nf > 0:
+        set_hold(s, c, laws, clock)
+    if k < 0 or s.spans.size > 1:
+        k = lookup(s, c, mode, part)
+    if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0], new, old):
+        return k, True
+    law_rough_step(s, c, laws, x, held, i, clock, big, mode, part, new)
+    return -1, False
+
+
+@njit(**COMPILE)
+def show(s, laws, x, time, mode, big):
+    """Put the torques of the laws, and their sensitivities, where an output can read them."""
+    for m in range(laws.code.size):
+        law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
+        x[laws.first + 3 * m] = laws.found[0, m, 0]
+    if big.shape[1] > 0:
+        first_columns(s, laws, x, mode, 1.0, big)
+
+
+@njit(**HOT)
+def observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac):
+    """The outputs of sample i, their weighted sensitivities, and the correction by the observer."""
+    for m in range(out.shape[1]):
+        v = output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
+        out[i, m] = v
+        known = y[i, m] == y[i, m]
+        e = y[i, m] - v if known else 0.0
+        if jac.shape[0] > 0:
+            output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col)
+            g = weight[i, m] if weight.shape[0] > 0 else 1.0
+            write_row(jac, i, m, col, g if known else 0.0, e)
+        if gain.shape[0] > 0 and known:
+            use_measurement(gain, i, m, e, x, big, col, jac.shape[0] > 0)
+
+
 @njit(**COMPILE)
 def varies(delay):
     """Whether the dead time depends on a free parameter."""
@@ -100,7 +145,7 @@ def slots(s, c, mode):
 
 
 @njit(**HOT)
-def smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x, u, i, big, mode,
+def plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x, u, i, big, mode,
                 b, t, new, old):
     """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
     predict(leap, k, x, u, i, b)
@@ -116,9 +161,11 @@ def smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level,
 
 
 @njit(**COMPILE)
-def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
+def run(s, c, laws, clock, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     """Simulate n samples; everything may be continued in the next call.
 
+    laws     smooth laws, or None: what they need is then not even compiled
+    clock    time of the first sample [s]
     u, late  (n, nu)         inputs, and those before the dead time switches inside the sample
     y        (n, ny)         measured outputs, NaN where there is none
     gain     (n, ny, nx)     observer gains, or (0, ny, nx) for a free run
@@ -133,155 +180,42 @@ def run(s, c, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     """
     leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
-    reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
-    n, parts = mode.size, s.spans.size
+    reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
+    n, parts, early = mode.size, s.spans.size, s.early
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
     new, old = c.guards[0], c.guards[1]
     guard_values(spring, slip_rows, x, old)
     if fresh:
         classify(reach, old, mode)
-    observed, sens, located, first, last = gain.shape[0] > 0, jac.shape[0] > 0, 0, -1, -1
-    moves = parts > 1 and varies(s.delay)
+    observed, located, first, last = gain.shape[0] > 0, 0, -1, -1
+    moves = early > 0 and varies(s.delay)
     for i in range(u.shape[0]):
         if states.shape[0] > 0:
             for j in range(x.size):
                 states[i, j] = x[j]
-        for m in range(out.shape[1]):
-            v = output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
-            out[i, m] = v
-            known = y[i, m] == y[i, m]
-            e = y[i, m] - v if known else 0.0
-            if sens:
-                output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col)
-                g = weight[i, m] if weight.shape[0] > 0 else 1.0
-                write_row(jac, i, m, col, g if known else 0.0, e)
-            if observed and known:
-                use_measurement(gain, i, m, e, x, big, col, sens)
+        if laws is not None and laws.shown:
+            show(s, laws, x, clock, mode, big)
+        observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac)
         if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
             first = -1
         for part in range(parts):
-            held = late if part + 1 < parts else u
-            if first < 0:
-                first, last = slots(s, c, mode)
-            k = first if part == 0 else last
-            if not smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
-                               held, i, big, mode, b, t, new, old):
-                rough_step(s, c, x, held, i, big, mode, part, new)
-                located += 1
-                first = -1
+            held = late if part < early else u
+            if laws is not None:
+                first, smooth = law_part(s, c, laws, first, x, held, i, clock, big, mode, part, b, new, old)
+                located += not smooth
+                clock += s.spans[part]
+            else:
+                if first < 0:
+                    first, last = slots(s, c, mode)
+                k = first if part == 0 else last
+                if not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
+                                  held, i, big, mode, b, t, new, old):
+                    rough_step(s, c, x, held, i, big, mode, part, new)
+                    located += 1
+                    first = -1
             for e in range(n):
                 old[e] = new[e]
-            if moves and part == 0 and switch_late(s, c, x, u[i], late[i], big, mode, first):
+            if moves and part + 1 == early and switch_late(s, c, x, u[i], late[i], big, mode, first):
                 first = -1
         forget(memory, x, big)
     return located
-
-
-@njit(**HOT)
-def add_noise(leap, k, row, b):
-    """Carry the effect of a torque held over the sample through a part of it, by the mode at its end.
-
-    Noise thus does not move a body that sticks. b (nx,) is scratch.
-    """
-    nx = row.size
-    for j in range(nx):
-        b[j] = leap[k, j, nx]
-        for m in range(nx):
-            b[j] += leap[k, j, m] * row[m]
-    for j in range(nx):
-        row[j] = b[j]
-
-
-@njit(**HOT)
-def update(p, row, r, gain):
-    """Measurement update of the covariance p; returns the variance of the innovation."""
-    nx = row.size
-    var = r
-    for j in range(nx):
-        v = 0.0
-        for k in range(nx):
-            v += p[j, k] * row[k]
-        gain[j] = v
-        var += row[j] * v
-    for j in range(nx):
-        for k in range(j + 1):
-            p[j, k] -= gain[j] * gain[k] / var
-            p[k, j] = p[j, k]
-    for j in range(nx):
-        gain[j] /= var
-    return var
-
-
-@njit(**HOT)
-def advance_covariance(p, f, noise, q, extra, t):
-    """p = f p f' + q noise noise' + diag(extra), through the scratch t."""
-    nx = noise.size
-    for j in range(nx):
-        for k in range(nx):
-            v = 0.0
-            for m in range(nx):
-                v += f[j, m] * p[m, k]
-            t[j, k] = v
-    for j in range(nx):
-        for k in range(j + 1):
-            v = q * noise[j] * noise[k]
-            for m in range(nx):
-                v += t[j, m] * f[k, m]
-            p[j, k] = v
-            p[k, j] = v
-        p[j, j] += extra[j]
-
-
-@njit(**COMPILE)
-def kalman(s, c, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
-    """Extended Kalman filter: exact mode-wise transitions, sensitivities across events.
-
-    s must have no free parameters, and ns = nx columns.
-    r        (ny,)        sensor variances relative to that of the first output
-    q        torque noise variance, entering with the first input; extra (nx,) on the states
-    p        (nx, nx)     covariance of the start state, changed
-    gain     (n, ny, nx)  or (0, ny, nx); var (n, ny); innov (n, ny), NaN where unmeasured
-    states   (n, nx)      filtered states, or (0, nx)
-    """
-    nx = s.nx
-    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
-    spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
-    reach, level, outputs, output_gap, memory = s.reach, s.level, s.outputs, s.output_gap, s.memory
-    n, parts, number = mode.size, s.spans.size, -1
-    row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
-    f, t, new, old = c.transition, c.columns[0], c.guards[0], c.guards[1]
-    reclassify(spring, slip_rows, reach, x, mode, old)
-    for i in range(u.shape[0]):
-        for m in range(innov.shape[1]):
-            e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
-            innov[i, m] = e
-            var[i, m] = 1.0
-            known = e == e
-            if known:
-                var[i, m] = update(p, row, r[m], k)
-            for j in range(nx):
-                if gain.shape[0] > 0:
-                    gain[i, m, j] = k[j] if known else 0.0
-                if known:
-                    x[j] += k[j] * e
-        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
-            number = -1
-        for j in range(nx):
-            for m in range(nx):
-                f[j, m] = 1.0 if j == m else 0.0
-            if states.shape[0] > 0:
-                states[i, j] = x[j]
-            row[j] = 0.0
-        for part in range(parts):
-            held = late if part + 1 < parts else u
-            if number < 0 or parts > 1:
-                number = lookup(s, c, mode, part)
-            if not smooth_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, number,
-                               x, held, i, f, mode, b, t, new, old):
-                rough_step(s, c, x, held, i, f, mode, part, new)
-                number = lookup(s, c, mode, part)
-            for e in range(n):
-                old[e] = new[e]
-            add_noise(leap, number, row, b)
-        forget(memory, x, f)
-        advance_covariance(p, f, row, q, extra, t)

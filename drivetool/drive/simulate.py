@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivetool.drive.run import kalman, run
-from drivetool.drive.system import Cache, System, empty_cache
+from drivetool.drive.filter import kalman
+from drivetool.drive.run import run
+from drivetool.drive.system import Cache, Laws, System, empty_cache
 
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
 
@@ -19,12 +20,14 @@ class Trace:
     inputs   (n, nu) held torques; outputs (n, ny) measured, NaN where there is none
     step     sample interval [s]
     name     of the recording
+    origin   time of its first sample after the start of the recording [s]
     """
 
     inputs: np.ndarray
     outputs: np.ndarray
     step: float
     name: str = ""
+    origin: float = 0.0
 
     @property
     def size(self) -> int:
@@ -52,14 +55,25 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Plant:
-    """A system ready to run: the arrays, the cache of its modes, and the whole-sample delay."""
+    """A system ready to run: the arrays, its smooth laws, the cache of its modes, the whole-sample delay."""
 
     system: System
     delay_samples: int = 0
+    laws: Laws | None = None
     cache: Cache = field(init=False)
 
     def __post_init__(self):
-        object.__setattr__(self, "cache", empty_cache(self.system))
+        object.__setattr__(self, "cache", empty_cache(self.system, self.laws))
+
+    @property
+    def nx(self) -> int:
+        """Number of states, without those that the smooth laws add."""
+        return self.system.nx if self.laws is None else self.laws.first
+
+    def _start(self, start: np.ndarray) -> np.ndarray:
+        x = np.zeros(self.system.nx)
+        x[:len(start)] = start
+        return x
 
     def held(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(inputs of a sample, those before the dead time switches), each (n, nu).
@@ -67,7 +81,7 @@ class Plant:
         Only the first input, the motor torque, is delayed. Before the record it is taken as
         constant.
         """
-        if self.system.spans.size == 1:
+        if self.system.early == 0:
             return inputs, inputs
         now, late = inputs.copy(), inputs.copy()
         n, k = len(inputs), self.delay_samples
@@ -87,10 +101,18 @@ class Plant:
         u, late = self.held(trace.inputs)
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
-        events = run(s, self.cache, u, late, trace.outputs, *_observer(s, gains, slice(None)),
-                     np.array(start, float), np.zeros((s.nx, 0)), np.ones(s.ng + s.nf, np.int64),
+        events = run(s, self.cache, self.laws, trace.origin, u, late, trace.outputs,
+                     *_observer(s, gains, slice(None)), self._start(start),
+                     np.zeros((s.nx, 0)), np.ones(s.ng + s.nf, np.int64),
                      True, out, np.empty((0, s.ny, s.ns)), states)
-        return out, states, events
+        return out, states[:, :self.nx], events
+
+    def _first_columns(self) -> np.ndarray:
+        """(nx, ns) sensitivities at the start: those to the start states."""
+        s, n = self.system, self.nx
+        big = np.zeros((s.nx, s.ns))
+        big[np.arange(n), s.nq + np.arange(n)] = 1.0
+        return big
 
     def normal_equations(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
                          weight: np.ndarray | None = None) -> np.ndarray:
@@ -101,9 +123,8 @@ class Plant:
         """
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
-        x, mode = np.array(start, float), np.ones(s.ng + s.nf, np.int64)
-        big = np.zeros((s.nx, s.ns))
-        big[np.arange(s.nx), s.nq + np.arange(s.nx)] = 1.0
+        x, mode = self._start(start), np.ones(s.ng + s.nf, np.int64)
+        big = self._first_columns()
         jac = np.empty((min(n, CHUNK), s.ny, s.ns))
         total = np.zeros((s.ns, s.ns))
         for a in range(0, n, CHUNK):
@@ -112,7 +133,8 @@ class Plant:
             gain, scale = _observer(s, gains, part)
             if gains is None and weight is not None:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
-            run(s, self.cache, u[part], late[part], trace.outputs[part], gain, scale, x, big, mode,
+            run(s, self.cache, self.laws, trace.origin + a * trace.step, u[part], late[part],
+                trace.outputs[part], gain, scale, x, big, mode,
                 a == 0, np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx)))
             flat = rows.reshape(-1, s.ns)
             total += flat.T @ flat
@@ -123,11 +145,11 @@ class Plant:
         """(outputs (n, ny), weighted sensitivities (n, ny, ns)), all in memory."""
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
-        big = np.zeros((s.nx, s.ns))
-        big[np.arange(s.nx), s.nq + np.arange(s.nx)] = 1.0
+        big = self._first_columns()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
-        run(s, self.cache, u, late, trace.outputs, *_observer(s, gains, slice(None)),
-            np.array(start, float), big, np.ones(s.ng + s.nf, np.int64), True, out, jac,
+        run(s, self.cache, self.laws, trace.origin, u, late, trace.outputs,
+            *_observer(s, gains, slice(None)), self._start(start), big,
+            np.ones(s.ng + s.nf, np.int64), True, out, jac,
             np.empty((0, s.nx)))
         return out, jac
 
@@ -143,13 +165,16 @@ class Plant:
         """
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
-        p = np.zeros((s.nx, s.nx)) if covariance is None else covariance.copy()
+        p, more = np.zeros((s.nx, s.nx)), np.zeros(s.nx)
+        more[:len(extra)] = extra
+        if covariance is not None:
+            p[:self.nx, :self.nx] = covariance
         gain = np.empty((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
-        kalman(s, self.cache, u, late, trace.outputs, sensor, torque, extra, p,
-               np.array(start, float), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
-        return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states)
+        kalman(s, self.cache, self.laws, trace.origin, u, late, trace.outputs, sensor, torque, more, p,
+               self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
+        return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 
 
 def _observer(s: System, gains: Gains | None, part: slice) -> tuple[np.ndarray, np.ndarray]:

@@ -35,7 +35,7 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     problem = problem.with_memory(noise.memory)
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
-        nx = plant.system.nx
+        nx = plant.nx
         extra, covariance, white = np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
         if noise.memory is not None:
             extra[-1] = white * (1.0 - noise.memory**2)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
@@ -61,17 +62,12 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
         for first, last in e.segments:
             pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
-            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name)
+            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
+                            e.offset + a * e.step)
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)
-
-
-def plant_of(drive: Drive, layout: Layout) -> Plant:
-    """The drive as something that runs."""
-    dead_time = drive.value("converter.dead_time") or 0.0
-    return Plant(Assembly(drive, layout).system(), int(dead_time / layout.step + 1e-9))
 
 
 def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:

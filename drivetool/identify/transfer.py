@@ -144,7 +144,8 @@ class Form:
             rows, mass, np.zeros((0, nx, jet)), np.zeros((0, jet)), none.reshape(0, 2),
             np.zeros((0, 2, jet)), none, np.zeros((0, jet)), outputs,
             np.full(1, -1, np.int64), np.full(1, shown, np.int64),
-            np.array([part, h - part]) if self.dead_time else np.array([h]), np.zeros(jet - 1), keep,
+            np.array([part, h - part]) if self.dead_time else np.array([h]), int(bool(self.dead_time)),
+            np.zeros(jet - 1), keep,
             nx, nz - nx - 1, jet - 1, 0, 0, 1, ns), whole)
 
 

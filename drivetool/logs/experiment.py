@@ -80,6 +80,7 @@ class Experiment:
     segments     (first, last+1) index pairs without a gap in time
     torque_unit  Nm, N or A; motion_unit rad or m
     torque_is    whether the logged torque is the command or a measurement of it
+    offset       time of the first sample after the start of the recording it is a part of [s]
     """
 
     name: str
@@ -92,6 +93,7 @@ class Experiment:
     motion_unit: str = "rad"
     torque_is: TorqueIs = "unknown"
     findings: tuple[Finding, ...] = field(default=())
+    offset: float = 0.0
 
     @property
     def size(self) -> int:
@@ -116,5 +118,5 @@ class Experiment:
         i, j = max(0, round(first / self.step)), min(self.size, round(last / self.step))
         cut = tuple((max(a, i) - i, min(b, j) - i) for a, b in self.segments if min(b, j) > max(a, i))
         return replace(
-            self, start=self.start + i * self.step, segments=cut,
+            self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})

@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from tests.simulator.effects import NONE, Effects
+
 Law = Literal["inside", "always"]
 BODY_FIELDS = ("inertia", "viscous", "coulomb", "idle_torque")
 SHAFT_FIELDS = ("stiffness", "damping", "half_gap", "ratio")
@@ -29,6 +31,7 @@ class Machine:
     converter_bandwidth  [rad/s] or None: T'' + 2 zeta w0 T' + w0^2 T = w0^2 u(t - dead_time)
     dead_time    [s], any fraction of a sample
     rated_torque [Nm] or None; a scale for experiments, no part of the physics
+    effects      further laws, see Effects
     """
 
     inertia: tuple[float, ...]
@@ -44,6 +47,7 @@ class Machine:
     converter_damping: float = 0.69
     dead_time: float = 0.0
     rated_torque: float | None = None
+    effects: Effects = NONE
 
     def __post_init__(self):
         n = len(self.inertia)
@@ -69,8 +73,8 @@ class Machine:
 
     @property
     def is_linear(self) -> bool:
-        """Neither gap nor Coulomb friction: nothing ever switches."""
-        return not any(self.half_gap) and not any(self.coulomb)
+        """Neither gap nor Coulomb friction nor another law: nothing ever switches."""
+        return not any(self.half_gap) and not any(self.coulomb) and self.effects.none
 
 
 @dataclass(frozen=True)

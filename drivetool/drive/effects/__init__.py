@@ -1,13 +1,23 @@
 """The catalogue: every effect, in the order in which they are stamped."""
 
 from drivetool.drive.effects import (
+    asymmetry,
     backlash,
     converter,
     coulomb,
     dead_time,
+    drag,
+    drift,
+    hardening,
     idle_torque,
+    imbalance,
     inertia,
+    load_damping,
+    load_step,
+    ripple,
     shaft,
+    speed_filter,
+    stribeck,
     viscous,
 )
 from drivetool.drive.effects.effect import Effect
@@ -21,6 +31,16 @@ EFFECTS: tuple[Effect, ...] = (
     backlash.EFFECT,
     converter.EFFECT,
     dead_time.EFFECT,
+    stribeck.EFFECT,
+    asymmetry.EFFECT,
+    drag.EFFECT,
+    drift.EFFECT,
+    ripple.EFFECT,
+    imbalance.EFFECT,
+    load_step.EFFECT,
+    hardening.EFFECT,
+    load_damping.EFFECT,
+    speed_filter.EFFECT,
 )
 
 __all__ = ["EFFECTS", "Effect"]

@@ -1,0 +1,111 @@
+"""What diagnose is asked and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+
+Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
+State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """Options of a diagnosis.
+
+    candidates    codes to try; empty: the whole catalogue
+    error_budget  share of records without a cause on which one may be named, over all rounds
+    rounds        most causes that are looked for
+    seed          of everything random
+    """
+
+    candidates: tuple[str, ...] = ()
+    error_budget: float = 0.01
+    rounds: int = 3
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class CandidateResult:
+    """One cause that was tried in one round.
+
+    code       of the catalogue; law: the equation in the words of the field
+    state      named; possible: as good as the best; worse: gains, but less than the best; no-gain;
+               not-shown: this record cannot show it; in-the-model already; failed
+    gain       log likelihood gained on data held out, gain_std its standard error; None if not fitted
+    evidence   log10 of the likelihood ratio on data held out against the best the base can do there
+    smallest   smallest size that this record would have shown, by parameter, in its unit; None: unknown
+    parameters its values on the whole record, with intervals
+    reason     in words, where there is no gain to state
+    """
+
+    code: str
+    law: str
+    state: State
+    gain: float | None = None
+    gain_std: float | None = None
+    evidence: float | None = None
+    smallest: Mapping[str, float] = field(default_factory=dict)
+    parameters: tuple[Parameter, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """How much better the model predicts, in free runs of `segment` seconds over data held out.
+
+    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent
+    rmse_std                 standard error of the difference before - after
+    noise_floor              std of the sensor alone, as far as the record tells
+    unexplained_percent      share of what the base left unexplained that is still there
+    """
+
+    unit: str
+    segment: float
+    held_out_rmse_before: float
+    held_out_rmse_after: float
+    held_out_fit_before: float
+    held_out_fit_after: float
+    rmse_std: float
+    noise_floor: float
+    unexplained_percent: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round: what was looked for on top of what had been found, and what was decided.
+
+    cause  the code that was added to the model, or None where the round ended the search
+    """
+
+    cause: str | None
+    candidates: tuple[CandidateResult, ...]
+    gain: Gain | None = None
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The outcome.
+
+    estimate    the extended and refitted drive; the base where nothing was found
+    verdict     nothing-found, named, undetermined (see between) or unexplained
+    causes      codes in the order found; between: codes that explain the record equally well
+    experiment  what would decide, or what would show a smaller effect
+    evidence    log10 of the evidence for every cause
+    gain        from the base to the extended drive
+    sentence    the verdict for a plant engineer
+    """
+
+    estimate: Estimate
+    verdict: Verdict
+    causes: tuple[str, ...]
+    between: tuple[str, ...]
+    experiment: str
+    evidence: Mapping[str, float]
+    gain: Gain
+    rounds: tuple[Round, ...]
+    sentence: str
+    exhibits: tuple[Exhibit, ...] = ()

@@ -1,0 +1,32 @@
+"""Quadratic drag: fans, churning oil, anything that throws a fluid about."""
+
+from drivetool.drive.compiled import LAW
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+
+@LAW
+def torque(w, _, time, side, p, out):
+    """-c2 w |w|, c2 = p[0]."""
+    out[0] = -p[0, 0] * w * abs(w)
+    out[1] = -2.0 * p[0, 0] * abs(w)
+    out[3] = -w * abs(w)
+
+
+def stamp(assembly, body):
+    """-c2 w |w| on the body."""
+    if assembly.acts(body, "drag"):
+        assembly.law("drag", [assembly.of_body(body, "drag")],
+                     {assembly.speed(body): assembly.number(1.0)}, body=body)
+
+
+EFFECT = Effect(
+    code="quadratic-drag",
+    of="body",
+    quantities={"drag": Quantity("{T} s^2/{q}^2", "quadratic drag", (0.0, 1e12), 1e-3, 0.0)},
+    stamp=stamp,
+    law="T = c2 w |w|",
+    needs="at least three speeds, one of them high; in one record it is confused with a drift",
+    source="White, Fluid Mechanics, ch. 7",
+    present=("drag",),
+)

@@ -1,0 +1,150 @@
+"""The extended Kalman filter: the pass over a record that gives observer gains and a likelihood."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.events import rough_step
+from drivetool.drive.kernel import forget
+from drivetool.drive.laws import slope_of
+from drivetool.drive.modes import lookup
+from drivetool.drive.run import law_part, output_row, plain_step, reclassify, show
+
+
+@njit(**COMPILE)
+def see_through(laws, slopes, row):
+    """Row of an output over the state alone, the torques of the laws put through their slopes."""
+    for m in range(laws.code.size):
+        at = laws.first + 3 * m
+        if row[at] != 0.0:
+            slope_of(laws.arguments, m, laws.found[0, m], slopes[m])
+            for j in range(laws.first):
+                row[j] += row[at] * slopes[m, j]
+            row[at] = 0.0
+
+
+@njit(**HOT)
+def add_noise(leap, k, row, b):
+    """Carry the effect of a torque held over the sample through a part of it, by the mode at its end.
+
+    Noise thus does not move a body that sticks. b (nx,) is scratch.
+    """
+    nx = row.size
+    for j in range(nx):
+        b[j] = leap[k, j, nx]
+        for m in range(nx):
+            b[j] += leap[k, j, m] * row[m]
+    for j in range(nx):
+        row[j] = b[j]
+
+
+@njit(**HOT)
+def update(p, row, r, gain):
+    """Measurement update of the covariance p; returns the variance of the innovation."""
+    nx = row.size
+    var = r
+    for j in range(nx):
+        v = 0.0
+        for k in range(nx):
+            v += p[j, k] * row[k]
+        gain[j] = v
+        var += row[j] * v
+    for j in range(nx):
+        for k in range(j + 1):
+            p[j, k] -= gain[j] * gain[k] / var
+            p[k, j] = p[j, k]
+    for j in range(nx):
+        gain[j] /= var
+    return var
+
+
+@njit(**HOT)
+def advance_covariance(p, f, noise, q, extra, t):
+    """p = f p f' + q noise noise' + diag(extra), through the scratch t."""
+    nx = noise.size
+    for j in range(nx):
+        for k in range(nx):
+            v = 0.0
+            for m in range(nx):
+                v += f[j, m] * p[m, k]
+            t[j, k] = v
+    for j in range(nx):
+        for k in range(j + 1):
+            v = q * noise[j] * noise[k]
+            for m in range(nx):
+                v += t[j, m] * f[k, m]
+            p[j, k] = v
+            p[k, j] = v
+        p[j, j] += extra[j]
+
+
+@njit(**HOT)
+def correct(s, laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
+    """Measurement updates of sample i: state, covariance, gains and innovations."""
+    for m in range(innov.shape[1]):
+        e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
+        if laws is not None and laws.shown:
+            see_through(laws, laws.slopes, row)
+        innov[i, m] = e
+        var[i, m] = 1.0
+        known = e == e
+        if known:
+            var[i, m] = update(p, row, r[m], k)
+        for j in range(x.size):
+            if gain.shape[0] > 0:
+                gain[i, m, j] = k[j] if known else 0.0
+            if known:
+                x[j] += k[j] * e
+
+
+@njit(**COMPILE)
+def kalman(s, c, laws, clock, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
+    """Extended Kalman filter: exact mode-wise transitions, sensitivities across events.
+
+    s must have no free parameters, and ns = nx columns.
+    r        (ny,)        sensor variances relative to that of the first output
+    q        torque noise variance, entering with the first input; extra (nx,) on the states
+    p        (nx, nx)     covariance of the start state, changed
+    gain     (n, ny, nx)  or (0, ny, nx); var (n, ny); innov (n, ny), NaN where unmeasured
+    states   (n, nx)      filtered states, or (0, nx)
+    """
+    nx = s.nx
+    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
+    spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
+    reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
+    n, parts, early, number = mode.size, s.spans.size, s.early, -1
+    row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
+    f, t, new, old = c.transition, c.columns[0], c.guards[0], c.guards[1]
+    reclassify(spring, slip_rows, reach, x, mode, old)
+    for i in range(u.shape[0]):
+        if laws is not None and laws.shown:
+            show(s, laws, x, clock, mode, f)
+        correct(s, laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
+        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
+            number = -1
+        for j in range(nx):
+            for m in range(nx):
+                f[j, m] = 1.0 if j == m else 0.0
+            if states.shape[0] > 0:
+                states[i, j] = x[j]
+            row[j] = 0.0
+        for part in range(parts):
+            held = late if part < early else u
+            if laws is None and (number < 0 or parts > 1):
+                number = lookup(s, c, mode, part)
+            if laws is not None:
+                number, _ = law_part(s, c, laws, number, x, held, i, clock, f, mode, part, b, new, old)
+                number = lookup(s, c, mode, part) if number < 0 else number
+                clock += s.spans[part]
+            elif not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, number,
+                                x, held, i, f, mode, b, t, new, old):
+                rough_step(s, c, x, held, i, f, mode, part, new)
+                number = lookup(s, c, mode, part)
+            for e in range(n):
+                old[e] = new[e]
+            add_noise(leap, number, row, b)
+        if laws is not None:
+            f[laws.first:] = 0.0
+        forget(memory, x, f)
+        advance_covariance(p, f, row, q, extra, t)

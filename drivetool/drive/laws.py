@@ -1,0 +1,128 @@
+"""The smooth laws by number, and their torques at a state."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.effects import (
+    asymmetry,
+    drag,
+    drift,
+    hardening,
+    imbalance,
+    load_damping,
+    load_step,
+    ripple,
+    stribeck,
+)
+
+NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "imbalance", "load-step", "hardening", "load-damping")
+
+_STRIBECK, _ASYMMETRY, _DRAG, _DRIFT = stribeck.torque, asymmetry.torque, drag.torque, drift.torque
+_RIPPLE, _IMBALANCE, _STEP = ripple.torque, imbalance.torque, load_step.torque
+_HARDENING, _DAMPING = hardening.torque, load_damping.torque
+
+
+@njit(**COMPILE)
+def law_torque(code, a, b, time, side, p, out):
+    """out = torque, its derivatives over the arguments a and b, and over the parameters."""
+    for j in range(out.size):
+        out[j] = 0.0
+    if code == 0:
+        _STRIBECK(a, b, time, side, p, out)
+    elif code == 1:
+        _ASYMMETRY(a, b, time, side, p, out)
+    elif code == 2:
+        _DRAG(a, b, time, side, p, out)
+    elif code == 3:
+        _DRIFT(a, b, time, side, p, out)
+    elif code == 4:
+        _RIPPLE(a, b, time, side, p, out)
+    elif code == 5:
+        _IMBALANCE(a, b, time, side, p, out)
+    elif code == 6:
+        _STEP(a, b, time, side, p, out)
+    elif code == 7:
+        _HARDENING(a, b, time, side, p, out)
+    else:
+        _DAMPING(a, b, time, side, p, out)
+
+
+@njit(**HOT)
+def side_of(gap, friction, m, mode, gaps):
+    """Side on which law m acts in a mode: 1, -1, or 0 where it does not; 1 where it always does."""
+    if gap[m] >= 0:
+        return 1.0 - mode[gap[m]]
+    if friction[m] >= 0:
+        return 1.0 - mode[gaps + friction[m]]
+    return 1.0
+
+
+@njit(**HOT)
+def law_at(laws, m, x, time, mode, gaps, out):
+    """out (3 + PARAMETERS,) of law m at a state."""
+    side = side_of(laws.gap, laws.friction, m, mode, gaps)
+    if side == 0.0:
+        for j in range(out.size):
+            out[j] = 0.0
+        return
+    a = -side * laws.half[m, 0] if laws.gap[m] >= 0 else 0.0
+    b = 0.0
+    for j in range(laws.first):
+        a += laws.arguments[m, 0, j, 0] * x[j]
+        b += laws.arguments[m, 1, j, 0] * x[j]
+    law_torque(laws.code[m], a, b, time, side, laws.parameters[m], out)
+
+
+@njit(**HOT)
+def slope_of(arguments, m, out, slope):
+    """slope (nx,) derivative of law m over the state, from its derivatives over the arguments."""
+    for j in range(slope.size):
+        slope[j] = out[1] * arguments[m, 0, j, 0] + out[2] * arguments[m, 1, j, 0]
+
+
+@njit(**HOT)
+def torque_columns(arguments, parameters, half, side, m, first, nq, x, columns, out, slope, row):
+    """row (ns,) = sensitivities of the torque of law m at a state with sensitivities columns (nx, ns).
+
+    side  of the contact whose half gap is taken off, 0 if the law belongs to no gap
+    """
+    slope_of(arguments, m, out, slope)
+    for q in range(row.size):
+        row[q] = 0.0
+    for j in range(first):
+        e = slope[j]
+        for q in range(row.size):
+            row[q] += e * columns[j, q]
+    for k in range(2):
+        for j in range(first):
+            e = out[1 + k] * x[j]
+            for q in range(nq):
+                row[q] += e * arguments[m, k, j, q + 1]
+    for p in range(parameters.shape[1]):
+        e = out[3 + p]
+        for q in range(nq):
+            row[q] += e * parameters[m, p, q + 1]
+    if side != 0.0:
+        e = -out[1] * side
+        for q in range(nq):
+            row[q] += e * half[m, q + 1]
+
+
+@njit(**HOT)
+def gap_side(gap, m, mode):
+    """Side of the contact that law m belongs to, 0 if it belongs to none."""
+    return 1.0 - mode[gap[m]] if gap[m] >= 0 else 0.0
+
+
+@njit(**COMPILE)
+def set_hold(s, c, laws, time):
+    """Torque up to which each friction holds a body at rest: its level and what the laws add there."""
+    for f in range(s.nf):
+        c.hold[f, 0] = s.level[f, 0]
+    for m in range(laws.code.size):
+        if laws.friction[m] >= 0:
+            out = laws.found[0, m]
+            law_torque(laws.code[m], 0.0, 0.0, time, 1.0, laws.parameters[m], out)
+            c.hold[laws.friction[m], 0] -= out[0]

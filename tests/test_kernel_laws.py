@@ -1,0 +1,81 @@
+"""The kernel for smooth laws against the independent simulator, and its sensitivities."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.assemble import Layout
+from drivetool.drive.augment import plant_of
+from drivetool.drive.simulate import Trace
+from tests.simulator.effects import Effects
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import Machine
+from tests.test_kernel import STEP, drive_of, levels, rms
+
+PLAIN = Machine((0.6, 5.2), (0.8, 0.3), (0.0, 0.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
+RUBS = replace(PLAIN, coulomb=(5.0, 4.0))
+LOOSE = replace(RUBS, half_gap=(0.01,))
+OUTPUTS = ("motor_speed", "load_speed", "motor_angle")
+# machine, its further laws, what drivetool calls them, and the error [rad/s] of the motor speed allowed:
+# the parabola through three values of a torque is of fourth order where the torque is smooth.
+CASES = {
+    "stribeck": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0)),
+                 {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}, 1e-4),
+    "stribeck-load": (LOOSE, Effects(stribeck=(0.0, 3.0), stribeck_speed=(1.0, 0.5)),
+                      {"load.stribeck": 3.0, "load.stribeck_speed": 0.5}, 1e-4),
+    "asymmetry": (PLAIN, Effects(viscous_back=(0.4, 0.3)),
+                  {"motor.viscous": 0.6, "motor.viscous_asymmetry": 0.2}, 1e-4),
+    "drag": (LOOSE, Effects(quadratic=(0.02, 0.05)), {"motor.drag": 0.02, "load.drag": 0.05}, 1e-5),
+    "ripple": (LOOSE, Effects(ripple=(3.0, 6.5, 0.4)),
+               {"motor.ripple_sine": 3.0 * np.cos(0.4), "motor.ripple_cosine": 3.0 * np.sin(0.4),
+                "motor.ripple_order": 6.5}, 1e-5),
+    "imbalance": (RUBS, Effects(imbalance=(3.0, 1.0, 0.4)),
+                  {"load.imbalance_sine": -3.0 * np.cos(0.4), "load.imbalance_cosine": -3.0 * np.sin(0.4)}, 1e-5),
+    "hardening": (PLAIN, Effects(hardening_twist=(0.02,)),
+                  {"shaft.hardening": 1.0, "shaft.hardening_twist": 0.02}, 1e-5),
+    "load-damping": (PLAIN, Effects(damping_torque=(50.0,)), {"shaft.load_damping": 3.1 / 50.0}, 1e-4),
+    "filter": (LOOSE, Effects(filter_time=0.004), {"sensor.bandwidth": 250.0}, 1e-7),
+}
+EACH = pytest.mark.parametrize("name", CASES)
+
+
+def runs_of(name, free=()):
+    """(simulated by the independent simulator, plant, trace, start state)."""
+    machine, effects, values, _ = CASES[name]
+    torque = levels(machine, 3000, 3, share=0.4)
+    there = simulate_fast(replace(machine, effects=effects), torque, STEP)
+    drive = drive_of(machine)
+    drive = replace(drive, values={**drive.values, **values})
+    plant = plant_of(drive, Layout(tuple(free), ("motor_torque",), OUTPUTS, STEP, gradient=bool(free)))
+    trace = Trace(torque[:, None], np.zeros((len(torque), 3)), STEP)
+    return there, drive, plant, trace
+
+
+@EACH
+def test_against_the_independent_simulator(name):
+    there, _, plant, trace = runs_of(name)
+    out = plant.outputs(trace, np.zeros(plant.nx))
+    bound = CASES[name][3]
+    speed = there.measured if name == "filter" else there.speeds[:, 0]
+    assert rms(out[:, 0] - speed) < bound
+    assert rms(out[:, 1] - there.speeds[:, 1]) < bound
+
+
+@EACH
+def test_sensitivities_are_the_derivatives(name):
+    """Against central differences, up to a share of the samples next to grazing events."""
+    _, _, values, _ = CASES[name]
+    free = [n for n in values if not n.endswith("_twist")] + ["motor.inertia", "shaft.stiffness"]
+    _, drive, plant, trace = runs_of(name, free)
+    _, jacobian = plant.jacobian(trace, np.zeros(plant.nx))
+    for k, parameter in enumerate(free):
+        size = 1e-6 * max(abs(drive.value(parameter)), 1e-3)
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = replace(drive, values={**drive.values, parameter: drive.value(parameter) + sign * size})
+            other = plant_of(moved, Layout((), ("motor_torque",), OUTPUTS, STEP, gradient=False))
+            sides.append(other.outputs(trace, np.zeros(other.nx)))
+        expected = (sides[0] - sides[1]) / (2.0 * size)
+        error = np.abs(jacobian[:, 0, k] - expected[:, 0])
+        assert np.quantile(error, 0.99) < 1e-4 * np.abs(expected[:, 0]).max(), parameter
