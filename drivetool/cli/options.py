@@ -55,7 +55,7 @@ Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
 DriveName = Annotated[str | None, _option(
     "--drive", metavar="NAME|FILE",
-    help="one-body, two-mass, three-mass, or a YAML file with a drive section. "
+    help="one-body, two-mass, three-mass, vehicle, or a YAML file with a drive section. "
          "Default: as in the parameter file, else two-mass.")]
 Hold = Annotated[list[str] | None, _option(
     "--hold", metavar="NAME", help="Keep this parameter at its value; repeatable.")]

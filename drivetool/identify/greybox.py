@@ -66,7 +66,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses."""
-    names = [f"{b}.inertia" for b in drive.bodies]
+    # A body that is known to carry a mass: that is what is asked for, its own inertia is the small part.
+    names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
     for shaft in drive.shafts:
         names += [f"{shaft}.stiffness", f"{shaft}.damping"]
     for total, suffix in TOTALS.items():
