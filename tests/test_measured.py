@@ -60,7 +60,8 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain():
     assert seen.mean.method == "periodic" and seen.settings["period"] == pytest.approx(1.0)
     np.testing.assert_allclose(seen.mean.frequency, np.arange(11.0, 251.0))  # the lines its owners excited
     peaks = {p["kind"]: p["hz"] for p in seen.peaks}
-    assert peaks["resonance"] == pytest.approx(76.3, abs=1.0) and peaks["anti-resonance"] == pytest.approx(54, abs=1.0)
+    assert peaks["resonance"] == pytest.approx(76.3, abs=1.0) and peaks["anti-resonance"] == pytest.approx(54,
+        abs=1.0)
     start = two_mass("A", "rad").with_values({
         "motor.inertia": 2e-3, "load.inertia": 2e-3, "shaft.stiffness": 2e-3 * (2 * np.pi * 50.0) ** 2,
         "shaft.damping": 0.05})

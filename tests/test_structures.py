@@ -161,6 +161,18 @@ def test_order_by_held_out_score():
     assert estimate.details["order"] == 3
     scores = {row["order"]: row["held_out_simulation_fit_percent"] for row in estimate.details["orders"]}
     assert scores[3] > scores[1] + 5.0 and scores[7] < scores[3] + 0.5
+    advice = next(f for f in estimate.findings if f.code == "number-of-bodies")
+    assert advice.severity == "note" and advice.evidence["bodies"] == 2
+    assert advice.evidence["held_out_fit_percent_2"] == pytest.approx(scores[3])
+
+
+def test_three_bodies_are_asked_for_where_two_do_not_suffice():
+    e = record(ROBOT, 1, noise=0.05, top=60.0, amplitude=0.3)
+    estimate = blackbox([e], two_mass(), Options(structure="oe"))
+    advice = next(f for f in estimate.findings if f.code == "number-of-bodies")
+    assert advice.severity == "warning" and advice.evidence["bodies"] == 3
+    assert advice.evidence["held_out_fit_percent_3"] > advice.evidence["held_out_fit_percent_2"] + 10.0
+    assert blackbox([e], three_mass(), Options(structure="oe")).findings[0].severity == "note"
 
 
 def test_several_stretches_with_their_own_start_and_offset():

@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from drivetool import __version__
-from drivetool.cli import backlash, blackbox, greybox, show, spectra, steady, validate
+from drivetool.cli import backlash, blackbox, compare, greybox, show, spectra, steady, validate
 
 # In the order in which they are used.
 COMMANDS = {"steady": steady, "spectra": spectra, "blackbox": blackbox, "greybox": greybox, "backlash": backlash,
-            "validate": validate, "show": show}
+            "validate": validate, "compare": compare, "show": show}
 
 app = typer.Typer(
     name="drivetool", add_completion=False, no_args_is_help=True, rich_markup_mode=None,

@@ -14,6 +14,7 @@ from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.pem_model import Prediction, Stretch, Structure, _shifts
 from drivetool.identify.problem import Point
 
+MOST = 100  # steps of a descent
 ROUNDS = 8  # of the instrumental-variable start
 RATES = (0.02, 0.1, 0.5)  # where the start looks for the dynamics, over the sampling rate
 SPARE = 20  # samples beyond the unknowns
@@ -75,7 +76,7 @@ def fit_structure(stretches: Sequence[Stretch], structure: Structure) -> PemFit:
 
 
 def _descended(stretches: tuple[Stretch, ...], structure: Structure, values: np.ndarray,
-               starts: tuple[np.ndarray, ...] | None = None) -> tuple[Prediction, Solution]:
+               starts: tuple[np.ndarray, ...] | None = None, most: int = MOST) -> tuple[Prediction, Solution]:
     """Levenberg-Marquardt from coefficients; the start states first."""
     k = len(structure.names)
     size = np.full(k, 0.5)
@@ -87,7 +88,7 @@ def _descended(stretches: tuple[Stretch, ...], structure: Structure, values: np.
     point = Point(values, starts or problem.zeros())
     if starts is None:
         point = solve(replace(problem, held=np.ones(k, bool)), point, most=5, damping=1e-9).point
-    return problem, solve(problem, point, most=100, relative=1e-9)
+    return problem, solve(problem, point, most=most, relative=1e-9)
 
 
 def _with_noise(problem: Prediction, solution: Solution, structure: Structure) -> tuple[Prediction, Solution]:
@@ -116,12 +117,15 @@ def _with_noise(problem: Prediction, solution: Solution, structure: Structure) -
         for pull in (1.0, 0.7, 0.3):  # poles of the predictor, from output error towards dead beat
             c = np.poly(pull * _stable(np.roots(structure.polynomial("A", values))))
             trials.append(np.linalg.lstsq(table, c - base, rcond=None)[0])
-    found = []
+    found, few = [], 12 if len(trials) > 1 else MOST
     for trial in trials:
         values = values.copy()
         values[structure.part("C")] = trial
-        found.append(_descended(problem.stretches, structure, values, solution.point.starts))
-    return min(found, key=lambda f: f[1].cost)
+        found.append(_descended(problem.stretches, structure, values, solution.point.starts, few))
+    problem, solution = min(found, key=lambda f: f[1].cost)
+    if solution.converged or few == MOST:
+        return problem, solution
+    return problem, solve(problem, solution.point, most=MOST, relative=1e-9)
 
 
 def _stable(roots: np.ndarray) -> np.ndarray:

@@ -50,9 +50,18 @@ def undamped(drive: Drive, f: Figures) -> dict[str, float]:
             square *= (drive.value(f"{shaft}.ratio") or 1.0) ** 2
             found[f"{shaft}.stiffness"] = stiffnesses[i - 1] * square
             found[f"{shaft}.damping"] = 2.0 * max(pair.damping, 0.0) / pair.rad_s * found[f"{shaft}.stiffness"]
-        found[f"{body}.inertia"] = inertias[i] * square
+        name, value = _mass_of(drive, body, inertias[i] * square)
+        found[name] = value
         found[f"{body}.viscous"] = max(pole, 0.0) * inertias[i] * square
     return found
+
+
+def _mass_of(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
+    """(name, value) of what makes up an inertia: the mass a body is known to carry, else its own inertia."""
+    if not drive.value(f"{body}.carried_mass"):
+        return f"{body}.inertia", inertia
+    radius, own = drive.value(f"{body}.radius"), drive.value(f"{body}.inertia") or 0.0
+    return f"{body}.carried_mass", max(inertia - own, 0.01 * inertia) / radius**2
 
 
 def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, Covariance | None, str]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.feedback import feedback_of
 from drivetool.identify.pem_figures import Figures
@@ -17,6 +19,28 @@ if TYPE_CHECKING:
 def findings_of(figures: Figures, data: Data, why: str) -> tuple[Finding, ...]:
     """In the order of their weight; why: the reason for no conversion, or empty."""
     return (*_unstable(figures), *_noise(figures, data), *_order(figures), *_conversion(why))
+
+
+def bodies_advice(drive: Drive, kind: str, order: int, table: Sequence[Mapping]) -> list[Finding]:
+    """How many bodies the held-out score asks for; nothing where the order was given.
+
+    table  order and held-out simulation fit [%] of each order tried, 2 n - 1 for n bodies
+    """
+    if not table:
+        return []
+    fits = {(row["order"] + 1) // 2: row["held_out_simulation_fit_percent"] for row in table}
+    told = ", ".join(f"{n}: {'unstable' if v is None else f'{v:.1f} %'}" for n, v in fits.items())
+    needed, have = (order + 1) // 2, len(drive.bodies)
+    text = (f"{needed} bod{'y suffices' if needed == 1 else 'ies suffice'}: fitted on the first part of the "
+        "records, "
+            f"{kind} models of that many bodies simulate the rest with {told}.")
+    evidence = {f"held_out_fit_percent_{n}": v for n, v in fits.items() if v is not None} | {
+        "bodies": needed, "bodies_of_the_drive": have}
+    if needed == have:
+        return [Finding("note", "number-of-bodies", text, evidence)]
+    more = "more" if needed > have else "fewer"
+    return [Finding("warning", "number-of-bodies", f"{text} The drive has {have}.", evidence,
+                    f"Use a drive with {more} bodies (--drive), or give --order {2 * have - 1} to keep this one.")]
 
 
 def _unstable(f: Figures) -> list[Finding]:

@@ -24,7 +24,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.realise import conversion, lines_of
 from drivetool.identify.results import Z95
 from drivetool.identify.spectra import Run, output_role, stretches_of
-from drivetool.identify.structure_findings import findings_of
+from drivetool.identify.structure_findings import bodies_advice, findings_of
 from drivetool.logs.experiment import Experiment
 
 ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
@@ -177,7 +177,8 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
         covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table),
-        findings_of(figures, data, why), tuple((e.name, e.sha256) for e in experiments), {},
+        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why)), tuple((e.name,
+            e.sha256) for e in experiments), {},
         _exhibits(figures, data, pairs))
 
 
