@@ -216,6 +216,22 @@ def test_delta_method_agrees_with_the_spread_of_many_fits():
     assert np.mean(np.abs(off) < 1.96) > 0.9
 
 
+@pytest.mark.parametrize("weighting", ["variance", "coherence"])
+def test_output_error_in_the_frequency_domain(weighting):
+    """Third order, both weightings: the truth within the intervals, and near the fit in the time domain."""
+    u = np.tile(multisine(np.arange(1.0, 40.0, 0.5), 0.5, 2.0, STEP, 3), 12)
+    run = simulate_linear(RIG, u, STEP)
+    e = experiment(u, run.speeds[:, 0] + white_noise(len(u), 0.02, 1))
+    options = Options(structure="oe", order=3, criterion="frequency", weighting=weighting)
+    estimate = structured([e], two_mass(), options)
+    assert estimate.fit["chi_square_per_degree"] < 2.0 and estimate.details["weighting"] == weighting
+    for name, value in (("motor.inertia", 0.6), ("load.inertia", 5.2), ("shaft.stiffness", 3300.0)):
+        p = next(p for p in estimate.parameters if p.name == name)
+        assert abs(p.value - value) < 4.0 * p.std < 0.2 * value, name
+    with pytest.raises(BadOption, match="structure oe"):
+        structured([e], two_mass(), Options(structure="bj", order=3, criterion="frequency"))
+
+
 # closed loop
 
 

@@ -14,4 +14,6 @@ def _load():
 
 
 command = estimator_command("blackbox", _load, {
-    "structure": (cli.Structure, None), "order": (cli.Order, None), "noise_order": (cli.NoiseOrder, None)})
+    "structure": (cli.Structure, None), "order": (cli.Order, None), "noise_order": (cli.NoiseOrder, None),
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
+    "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

@@ -14,5 +14,5 @@ def _load():
 
 
 command = estimator_command("greybox", _load, {
-    "criterion": (cli.GreyCriterion, cli.GreyCriterionName.innovations),
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
     "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

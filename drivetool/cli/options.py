@@ -15,8 +15,8 @@ class CriterionName(StrEnum):
     simulation = "simulation"
 
 
-class GreyCriterionName(StrEnum):
-    """What a grey-box fit minimises, in time or in frequency."""
+class FitCriterionName(StrEnum):
+    """What a fit minimises, in time or in frequency."""
 
     innovations = "innovations"
     simulation = "simulation"
@@ -92,7 +92,7 @@ Order = Annotated[int | None, _option(
     "--order", metavar="N", min=1, help="Order of its dynamics, 2 n - 1 for n bodies. Default: by held-out score.")]
 NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
-GreyCriterion = Annotated[GreyCriterionName, _option(
+FitCriterion = Annotated[FitCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
     "distance from the measured frequency response.")]
 Weighting = Annotated[WeightingName, _option(

@@ -50,6 +50,8 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         from drivetool.identify.structures import structured
 
         return structured(experiments, drive, options)
+    if options.criterion == "frequency":
+        raise BadOption("a polynomial structure for a fit in the frequency domain", "none", "Add --structure oe.")
     _possible(drive, options)
     task = Task(drive, (), _roles(experiments, drive), tuple(experiments))
     form = _form(task, options)

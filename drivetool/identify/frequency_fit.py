@@ -90,18 +90,21 @@ class LineProblem:
         return Point(np.clip(point.values + step, self.low, self.high), ())
 
 
+def line_weights(r: Response, weighting: str) -> tuple[np.ndarray, bool]:
+    """((n,) weights, whether they are of logarithms)."""
+    if weighting == "coherence":
+        return np.sqrt(r.coherence / r.frequency), True
+    # The complex error has the variance; each of its two parts half of it.
+    floor = (LEAST * np.abs(r.g)) ** 2
+    return np.sqrt(2.0 / np.maximum(np.where(np.isfinite(r.variance), r.variance, np.inf), floor)), False
+
+
 def problem_of(drive: Drive, free: Sequence[str], output: str, step: float, r: Response, weighting: str,
                ) -> LineProblem:
     """The problem of fitting free parameters to a response."""
-    known = [drive.quantity(n) for n in free]
-    if weighting == "coherence":
-        weight = np.sqrt(r.coherence / r.frequency)
-    else:
-        # The complex error has the variance; each of its two parts half of it.
-        floor = (LEAST * np.abs(r.g)) ** 2
-        weight = np.sqrt(2.0 / np.maximum(np.where(np.isfinite(r.variance), r.variance, np.inf), floor))
+    known, (weight, logarithm) = [drive.quantity(n) for n in free], line_weights(r, weighting)
     return LineProblem(
-        HeldResponse(drive, tuple(free), output, step, r.frequency), r.g, weight, weighting == "coherence", r.bins,
+        HeldResponse(drive, tuple(free), output, step, r.frequency), r.g, weight, logarithm, r.bins,
         np.array([q.bounds[0] for q in known]), np.array([q.bounds[1] for q in known]),
         np.array([q.scale for q in known]))
 
@@ -131,10 +134,12 @@ def with_leftovers(r: Response, g: np.ndarray) -> Response:
 
 
 def noise_covariance(problem: LineProblem, solution: Solution, r: Response) -> np.ndarray:
-    """(k, k) covariance of a fit that is not weighted by the variances, from those variances."""
+    """(k, k) covariance of a fit, however weighted, from the variances of the lines."""
     _, j = problem.residual(solution.point.values)
-    relative = np.maximum(np.where(np.isfinite(r.variance), r.variance, 0.0), 0.0) / np.abs(r.g) ** 2
-    inner = ((j.conj() * (0.5 * relative * problem.weight**2)[:, None]).T @ j).real
+    error = np.maximum(np.where(np.isfinite(r.variance), r.variance, 0.0), (LEAST * np.abs(r.g)) ** 2)
+    if problem.logarithm:
+        error = error / np.abs(r.g) ** 2
+    inner = ((j.conj() * (0.5 * error * problem.weight**2)[:, None]).T @ j).real
     inverse = _inverse(solution.normal.shared)
     return inverse @ inner @ inverse
 

@@ -61,6 +61,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     outcome = fit_task(task, options, [{}])
     outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
+    figures["noise_parameters"] = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
 

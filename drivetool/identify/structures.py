@@ -15,6 +15,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit
+from drivetool.identify.frequency_oe import through_response
 from drivetool.identify.least_squares import solve
 from drivetool.identify.options import Options
 from drivetool.identify.pem_figures import Figures, figures_of
@@ -23,7 +24,7 @@ from drivetool.identify.pem_model import KINDS, POLYNOMIALS, Prediction, Stretch
 from drivetool.identify.problem import Point
 from drivetool.identify.realise import conversion, lines_of
 from drivetool.identify.results import Z95
-from drivetool.identify.spectra import Run, output_role, stretches_of
+from drivetool.identify.spectra import Run, SpectraOptions, output_role, response_of, stretches_of
 from drivetool.identify.structure_findings import bodies_advice, findings_of
 from drivetool.logs.experiment import Experiment
 
@@ -85,6 +86,9 @@ def structured(experiments: Sequence[Experiment], drive: Drive, options: Options
         raise BadOption("a known structure", f"'{kind}'", "Correct --structure.", KINDS)
     if (options.order is not None and options.order < 1) or (options.noise_order or 0) < 0:
         raise BadOption("an order of at least 1", f"{options.order}", "Correct --order or --noise-order.")
+    if options.criterion == "frequency" and kind != "oe":
+        raise BadOption("structure oe for a fit in the frequency domain", kind,
+                        "Without a noise model there is nothing else to fit to a response.")
     drive.require(options.hold, "holding them (--hold)")
     data = data_of(experiments)
     _moving(data)
@@ -94,8 +98,16 @@ def structured(experiments: Sequence[Experiment], drive: Drive, options: Options
     if order is None:
         order, table = order_of(data, kind, noise)
     fit = fit_structure(data.stretches, Structure(kind, order, noise, data.extra))
-    figures = figures_of(fit, data.step)
-    return _estimate(experiments, drive, data, figures, table, options.hold)
+    if options.criterion != "frequency":
+        return _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+    if data.extra:
+        raise BadOption("a motor speed for a polynomial model in the frequency domain", "an angle",
+                        "Log the speed, or use greybox --criterion frequency.")
+    fit, chi = through_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
+                                options.weighting)
+    estimate = _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+    return replace(estimate, fit={**estimate.fit, "chi_square_per_degree": chi},
+                   details={**estimate.details, "criterion": "frequency", "weighting": options.weighting})
 
 
 def order_of(data: Data, kind: str, noise: int, orders: Sequence[int] = ORDERS) -> tuple[int, list[dict]]:
@@ -177,9 +189,8 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
         covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table),
-        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why)), tuple((e.name,
-            e.sha256) for e in experiments), {},
-        _exhibits(figures, data, pairs))
+        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why)),
+        tuple((e.name, e.sha256) for e in experiments), {}, _exhibits(figures, data, pairs))
 
 
 def _details(f: Figures, table: list[dict]) -> dict[str, object]:
