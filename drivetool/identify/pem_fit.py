@@ -114,18 +114,37 @@ def _with_noise(problem: Prediction, solution: Solution, structure: Structure) -
     if structure.kind == "innovations":
         base, table = structure.basis("C")
         trials = []
-        for pull in (1.0, 0.7, 0.3):  # poles of the predictor, from output error towards dead beat
-            c = np.poly(pull * _stable(np.roots(structure.polynomial("A", values))))
-            trials.append(np.linalg.lstsq(table, c - base, rcond=None)[0])
+        # Poles of the predictor, from output error towards dead beat; and as the errors of the start ask.
+        firsts = [np.poly(pull * _stable(np.roots(structure.polynomial("A", values)))) for pull in (1.0, 0.9, 0.7,
+            0.3)]
+        for c in [*firsts, _moving_average(problem, solution)]:
+            trials.append(np.linalg.lstsq(table, c.real - base, rcond=None)[0])
     found, few = [], 12 if len(trials) > 1 else MOST
     for trial in trials:
         values = values.copy()
         values[structure.part("C")] = trial
         found.append(_descended(problem.stretches, structure, values, solution.point.starts, few))
-    problem, solution = min(found, key=lambda f: f[1].cost)
-    if solution.converged or few == MOST:
-        return problem, solution
-    return problem, solve(problem, solution.point, most=MOST, relative=1e-9)
+    found.sort(key=lambda f: f[1].cost)
+    ends = [(p, s if s.converged or few == MOST else solve(p, s.point, most=MOST, relative=1e-9))
+            for p, s in found[:2]]
+    return min(ends, key=lambda f: f[1].cost)
+
+
+def _moving_average(problem: Prediction, solution: Solution) -> np.ndarray:
+    """(order + 1,) C of C e = F times the output errors, by a long autoregression and a regression.
+
+    source  Hannan and Rissanen 1982
+    """
+    values, n = solution.point.values, problem.structure.order
+    plant = problem.structure.polynomial("F", values)
+    now, past = [], []
+    for start, stretch in zip(solution.point.starts, problem.stretches, strict=True):
+        v = lfilter(plant, [1.0], problem.errors(values, start, stretch))[n:]
+        e = lfilter(np.concatenate([[1.0], yule_walker(v, min(60, len(v) // 10))]), [1.0], v)
+        now.append((v - e)[n:])
+        past.append(np.column_stack([e[n - j: len(e) - j] for j in range(1, n + 1)]))
+    c = np.linalg.lstsq(np.concatenate(past), np.concatenate(now), rcond=None)[0]
+    return np.poly(_stable(np.roots(np.concatenate([[1.0], c]))))
 
 
 def _stable(roots: np.ndarray) -> np.ndarray:
