@@ -17,7 +17,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.pem_figures import figures_of
 from drivetool.identify.pem_fit import fit_structure
 from drivetool.identify.pem_model import Prediction, Stretch, Structure
-from drivetool.identify.realise import conversion
+from drivetool.identify.realise import conversion, ringing_with_std
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.linear import equations
@@ -72,9 +72,10 @@ def test_coverage_of_notch_resonance_and_physical_parameters(case):
         run = simulate_linear(machine, u, STEP, None, white_noise(n, torque_noise, 3 * seed))
         y = run.speeds[:, 0] + white_noise(n, 0.01, 3 * seed + 1)
         f = figures_of(fit_structure([Stretch(u, y)], Structure(kind, 2 * machine.bodies - 1)), STEP)
-        found, _, _ = conversion(drive, f)
-        found |= {"notch": (f.notches[0].rad_s, f.std(f.notches[0].d_rad_s)),
-                  "resonance": (f.resonances[0].rad_s, f.std(f.resonances[0].d_rad_s))}
+        found, covariance, _ = conversion(drive, f)
+        if covariance is not None:
+            own = ringing_with_std(drive, found, covariance)
+            found |= {"notch": own["notch 1"], "resonance": own["resonance 1"]}
         for name, value in true.items():
             v, std = found.get(name, (np.nan, None))
             inside[name].append(std is not None and abs(v - value) < 1.96 * std)

@@ -20,6 +20,7 @@ from drivetool.identify.pem_model import KINDS, Prediction, Stretch, Structure
 from drivetool.identify.structures import structured
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
+from tests.simulator.linear import equations
 from tests.simulator.machine import Machine
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import simulate_linear
@@ -151,6 +152,10 @@ def test_a_chain_of_three_is_found_with_intervals_that_hold(kind):
     # |s| of the damped zero; the undamped 92.8 of the reference page lies 0.1 % off.
     held = next(m for m in resonances(estimate.drive) if m.kind == "anti-resonance").frequency_hz * 2 * np.pi
     assert held == pytest.approx(92.79, abs=0.02) and abs(notch["value"] - 92.867) < 4 * notch["std"] + 1e-3
+    own = estimate.details["drive_rad_s"]["notch 1"]
+    a = equations(ROBOT)[0][1:5, 1:5]
+    exact = min(abs(s) for s in np.linalg.eigvals(a) if s.imag > 0.0)
+    assert abs(own["value"] - exact) < 4.0 * own["std"] < 0.02
     counted = {"oe": 0, "bj": 4, "innovations": 5}[kind]
     assert estimate.fit["noise_parameters"] == counted and estimate.fit["parameters"] == 10 + counted
 

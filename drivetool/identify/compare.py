@@ -12,17 +12,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.drive.linearise import state_space
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import default_free, with_totals
 from drivetool.identify.options import Options
-from drivetool.identify.pem_figures import RINGS, figures_of
+from drivetool.identify.pem_figures import figures_of
 from drivetool.identify.pem_fit import PemFit, fit_structure
 from drivetool.identify.pem_model import KINDS, Structure
-from drivetool.identify.realise import conversion, lines_of
+from drivetool.identify.realise import conversion, lines_of, ringing, ringing_with_std
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit
@@ -140,7 +139,9 @@ def _polynomial(structure: str, name: str, e: Experiment, drive: Drive, order: i
     for kind, pairs in (("notch", f.notches), ("resonance", f.resonances)):
         for i, pair in enumerate(pairs, 1):
             figures[f"{kind} {i}"] = (pair.rad_s, f.std(pair.d_rad_s), "rad/s")
-    found, _, _ = conversion(drive, f, data.extra)
+    found, covariance, _ = conversion(drive, f, data.extra)
+    if covariance is not None:  # of the drive itself, as for the physical models, not of its samples
+        figures |= {n: (w, std, "rad/s") for n, (w, std) in ringing_with_std(drive, found, covariance).items()}
     return Model(structure, name, fit, None, lines_of(drive, found), figures, bool(f.unstable),
                  fit.structure.noise_parameters)
 
@@ -158,21 +159,9 @@ def _physical(structure: str, name: str, e: Experiment, drive: Drive) -> Model:
     task = Task(start, free, roles_of([e], start), (e,))
     outcome = by_simulation(task, 0.0, [{}]) if structure == "physical" else by_innovations(task, [{}])
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, start, outcome.drive)
-    figures = _pairs(outcome.drive)
+    figures = {name: (w, None, "rad/s") for name, w in ringing(outcome.drive).items()}
     counted = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
     return Model(structure, name, None, outcome.drive, lines, figures, False, counted)
-
-
-def _pairs(drive: Drive) -> dict[str, tuple[float, float | None, str]]:
-    """Frequencies of the ringing zeros and poles, |s| as for the polynomial models."""
-    a, _, _, _ = state_space(drive)
-    found = {}
-    # The torque enters where the speed is measured: its zeros are the poles with that body held.
-    for label, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
-        roots = np.linalg.eigvals(matrix)
-        ringing = sorted(abs(s) for s in roots if s.imag > 0.0 and abs(s.real) < RINGS * abs(s))
-        found |= {f"{label} {i}": (float(w), None, "rad/s") for i, w in enumerate(ringing, 1)}
-    return found
 
 
 def _started(drive: Drive, e: Experiment) -> Drive:

@@ -8,16 +8,18 @@ and the covariance of the coefficients goes over to the parameters without a fur
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.linearise import state_space
 from drivetool.identify.cauer import chain_of
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.frequency_fit import LineProblem
 from drivetool.identify.held_response import HeldResponse
 from drivetool.identify.least_squares import solve
-from drivetool.identify.pem_figures import Figures
+from drivetool.identify.pem_figures import RINGS, Figures
 from drivetool.identify.problem import Point
 from drivetool.identify.results import Z95
 
@@ -95,6 +97,42 @@ def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, C
     return found, Covariance(names, matrix), ""
 
 
+def ringing(drive: Drive) -> dict[str, float]:
+    """|s| of the ringing zeros and poles of the drive in continuous time [rad/s]: notch 1, ..., resonance 1, ..."""
+    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    a, _, _, _ = state_space(replace(drive, values=away))
+    found = {}
+    # The torque enters where the speed is measured: its zeros are the poles with that body held.
+    for label, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
+        pairs = sorted(abs(s) for s in np.linalg.eigvals(matrix) if s.imag > 0.0 and abs(s.real) < RINGS * abs(s))
+        found |= {f"{label} {i}": float(w) for i, w in enumerate(pairs, 1)}
+    return found
+
+
+def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None]], covariance: Covariance,
+                     ) -> dict[str, tuple[float, float | None]]:
+    """name -> (rad/s, std) of the drive that a conversion found.
+
+    The zeros of a sampled model are not those of the drive: holding the torque moves a notch, by little, but
+    by more than its interval where noise is low.
+    """
+    values = {**drive.values, **{name: v for name, (v, _) in found.items()}}
+    plain = Drive(drive.name, drive.bodies, drive.shafts, {n: v for n, v in values.items() if n != "total.viscous"},
+                  drive.torque_unit, drive.motion_unit)
+    centre, table = ringing(plain), {}
+    for name in covariance.names:
+        d = 1e-6 * max(abs(values[name]), 1e-12)
+        up, down = (ringing(Drive(plain.name, plain.bodies, plain.shafts, plain.values | {name: values[name] + x},
+                                  plain.torque_unit, plain.motion_unit)) for x in (d, -d))
+        table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
+    stds = {}
+    for k in centre:
+        gradient = np.array([table[name][k] for name in covariance.names])
+        variance = float(gradient @ covariance.matrix @ gradient)
+        stds[k] = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+    return {k: (w, stds[k]) for k, w in centre.items()}
+
+
 def _same_response(drive: Drive, names: tuple[str, ...], f: Figures, differenced: int) -> LineProblem:
     """The problem of making the chain's response equal to the model's."""
     low = 0.05 * (f.notches[0].rad_s if f.notches else np.pi / f.step / 50.0)
@@ -104,7 +142,7 @@ def _same_response(drive: Drive, names: tuple[str, ...], f: Figures, differenced
     if differenced:
         w = 2j * np.pi * hz * f.step
         g = g * w / -np.expm1(-w)
-    away = {n: v for n, v in drive.values.items() if not n.startswith("converter")}
+    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
     plain = Drive(drive.name, drive.bodies, drive.shafts, away, drive.torque_unit, drive.motion_unit)
     k = len(names)
     return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(POINTS), True, 1.0,

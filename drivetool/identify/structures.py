@@ -22,7 +22,7 @@ from drivetool.identify.pem_figures import Figures, figures_of
 from drivetool.identify.pem_fit import PemFit, fit_structure
 from drivetool.identify.pem_model import KINDS, POLYNOMIALS, Prediction, Stretch, Structure
 from drivetool.identify.problem import Point
-from drivetool.identify.realise import conversion, lines_of
+from drivetool.identify.realise import conversion, lines_of, ringing_with_std
 from drivetool.identify.results import Z95
 from drivetool.identify.spectra import Run, SpectraOptions, output_role, response_of, stretches_of
 from drivetool.identify.structure_findings import bodies_advice, findings_of
@@ -166,6 +166,9 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
               table: list[dict], hold: Sequence[str]) -> Estimate:
     fit = figures.fit
     found, covariance, why = conversion(drive, figures, data.extra)
+    own = {} if covariance is None else {
+        "drive_rad_s": {n: {"value": w, "std": std}
+                        for n, (w, std) in ringing_with_std(drive, found, covariance).items()}}
     lines = lines_of(drive, found, hold)
     fitted = {p.name: p.value for p in lines if p.status in ("fitted", "at-bound", "not-identifiable")}
     after = drive.with_values({n: v for n, v in fitted.items() if n in found})
@@ -188,7 +191,7 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
         {"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
-        covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table),
+        covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table) | own,
         (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why)),
         tuple((e.name, e.sha256) for e in experiments), {}, _exhibits(figures, data, pairs))
 
