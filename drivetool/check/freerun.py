@@ -27,7 +27,7 @@ def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck)
     """
     if not check.output.endswith("speed"):
         return []
-    inertia = _inertia(drive)
+    inertia = rigid_inertia(drive)
     for e in run.stretches(run.measured[:, 0] - run.simulated[:, 0]):
         good = np.isfinite(e)
         t, e = np.arange(len(e))[good] * experiment.step, e[good]
@@ -78,7 +78,7 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
         "Judge by the residual, or by shorter free runs: --segment 1.")]
 
 
-def _inertia(drive: Drive) -> float:
+def rigid_inertia(drive: Drive) -> float:
     """All inertias as the motor feels them."""
     total, ratio = drive.values[f"{drive.bodies[0]}.inertia"], 1.0
     for body, shaft in zip(drive.bodies[1:], drive.shafts, strict=True):

@@ -51,12 +51,17 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
     console.width = max(80, console.width)  # narrower, and numbers would be cut
     if hasattr(file, "verdict"):
         tables.print_validation(file, console)
-    elif file.step in ("spectra", "compare"):
+        return
+    if file.step in ("spectra", "compare"):
         from drivetool.files import analysis_tables
 
         analysis_tables.print_analysis(file, console)
-    else:
-        tables.print_estimate(file, console)
+        return
+    if file.diagnosis is not None:
+        from drivetool.files.diagnosis_table import print_diagnosis
+
+        print_diagnosis(file.diagnosis, console)
+    tables.print_estimate(file, console)
 
 
 def print_findings(file: ParameterFile | ValidationFile, stderr: bool = True) -> None:

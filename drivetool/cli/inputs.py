@@ -55,7 +55,7 @@ def open_all(job: Job) -> Opened:
     from drivetool.files.write import check_target
     from drivetool.logs.build import open_experiment
 
-    _inputs_stay(job)
+    inputs_stay(job)
     if job.out not in (None, "-"):
         check_target(job.out)
     loaded = load_parameters(job.params)
@@ -126,7 +126,7 @@ def _start(word: str, drive: Drive) -> tuple[str, float]:
     return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
-def _inputs_stay(job: Job) -> None:
+def inputs_stay(job: Job) -> None:
     """Inputs are never modified, so the output must be another file."""
     inputs = [*job.logs, *job.params, *filter(None, (job.map, job.drive))]
     if job.out in (None, "-") or not os.path.exists(job.out):

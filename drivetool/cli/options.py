@@ -51,6 +51,8 @@ Params = Annotated[list[str] | None, _option(
     help="Parameter file of an earlier step or by hand; several merge, later wins; - reads standard input.")]
 Models = Annotated[list[str], _option(
     "--params", "-p", metavar="FILE", help="A model to check, as a parameter file; several are compared.")]
+Base = Annotated[list[str], _option(
+    "--params", "-p", metavar="FILE", help="The fitted drive; several files merge, later wins.")]
 Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
 DriveName = Annotated[str | None, _option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, open_all
-from drivetool.cli.outcomes import guarded
+from drivetool.cli.outcomes import guarded, say
 from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
         "every --params file is a model of its own.")
+
+# Findings that say that the model lacks something.
+UNEXPLAINED = {"correlation-above-limit", "residual-depends-on-input"}
 
 Segment = Annotated[float, typer.Option(
     "--segment", metavar="S", min=0.0,
@@ -60,4 +64,8 @@ def run(job: Job, options: ValidateOptions) -> int:
         raise
     validation = replace(validation, options=asdict(options) | dict(validation.options),
                          findings=findings(opened, validation.findings))
-    return deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
+    code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
+    if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:
+        words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
+        say("validate", f"what is left over has a cause; run diagnose: {shlex.join(words)}")
+    return code

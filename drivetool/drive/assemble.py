@@ -269,16 +269,24 @@ class Assembly:
                             f"the {self.drive.name} drive", "Choose another drive or role.",
                             self.drive.bodies)
 
+    def shaft_of(self, role: str) -> int:
+        """Index of the shaft whose torque a role is: shaft_torque of the first, others by their name."""
+        owner = role.rsplit("_", 1)[0]
+        if owner in self.drive.shafts:
+            return self.drive.shafts.index(owner)
+        if self.shafts and owner == "shaft":
+            return 0
+        raise BadParameters(f"a drive with a shaft for the role {role}", f"the {self.drive.name} drive",
+                            "Use --drive two-mass.", self.drive.shafts)
+
     def output(self, role: str) -> tuple[dict[int, Dual], int]:
         """(row over the state, gap whose torque adds to it or -1) of a measured role."""
-        if role == "shaft_torque":
-            if not self.shafts:
-                raise BadParameters("a drive with a shaft for the role shaft_torque",
-                                    f"the {self.drive.name} drive", "Use --drive two-mass.")
-            if 0 not in self.gaps:
-                return self.spring(0, damped=True), -1
+        if role.endswith("torque"):
+            k = self.shaft_of(role)
+            if k not in self.gaps:
+                return self.spring(k, damped=True), -1
             always = self.drive.damping_law == "always"
-            return self.damper(0) if always else {}, list(self.gaps).index(0)
+            return self.damper(k) if always else {}, list(self.gaps).index(k)
         body = self.body_of(role)
         one = self.number(1.0)
         if role == "motor_speed" and self.filters_speed():

@@ -59,7 +59,7 @@ def _widened(assembly: Assembly, s: System) -> System:
         for row, factor in _acts_on(assembly, law):
             rows[row, value] += factor.jet()
         for k, role in enumerate(assembly.layout.outputs):
-            if role == "shaft_torque" and law.shaft == 0:
+            if law.shaft >= 0 and role.endswith("torque") and law.shaft == assembly.shaft_of(role):
                 outputs[k, value, 0] = 1.0
     mass = np.zeros((nx, jet))
     mass[:n], mass[n:, 0] = s.mass, 1.0

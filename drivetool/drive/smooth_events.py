@@ -13,7 +13,11 @@ from drivetool.drive.roots import horner
 from drivetool.drive.smooth import ROUNDS, agree, eliminate, node_equations, parabola, response, start_columns
 from drivetool.drive.system import ORDER
 
-SHORTEST = 1e-7  # share of a part below which a stretch is not cut any further
+# Share of a part below which a stretch is not cut any further, converged or not: what changes faster
+# leaves no trace in the record, and a trial value of a fit must not take for ever.
+SHORTEST = 0.02
+PATIENCE = 12  # stretches cut short in one part, after which the torques are held over the rest
+FAR = 1e12  # of a state, in SI: a trial value that leads there is wrong anyway
 
 
 @njit(**COMPILE)
@@ -142,7 +146,10 @@ def rest_columns(s, laws, x, mode, big):
 def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
     """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
     w, p, u = c.series, c.poly, inputs[i]
-    whole, rest, events, fresh = s.spans[part], s.spans[part], 0, 0
+    whole, rest, events, fresh, failed = s.spans[part], s.spans[part], 0, 0, 0
+    for r in range(s.nx):
+        if not abs(x[r]) < FAR:
+            failed = PATIENCE + 1  # it has run away: no torque is worth a search
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
             for q in range(big.shape[1]):
@@ -152,13 +159,14 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
         k = lookup(s, c, mode, part)
         a, net = c.flow[k], c.net[k]
         begin(s, laws, x, time, mode)
-        if not c.rate[k] * rest < STIFF:
+        if not c.rate[k] * rest < STIFF or failed > PATIENCE:
             rest_columns(s, laws, x, mode, big)
             unlocated_step(s, c, x, inputs, i, big, mode, part, k, rest)
             break
         h, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[0]) and h > SHORTEST * whole:
             h *= 0.5
+            failed += 1
             begin(s, laws, x, time, mode)
         te = h
         if events < MOST:

@@ -18,6 +18,7 @@ _PLACE = re.compile(r" - at `\$\.?(?P<path>.*)`$")
 _WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
           "array": "list", "bool": "true or false"}
 _SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection}
+_SECTIONS["diagnosis"] = shapes.DiagnosisSection
 _LISTS = {"findings": shapes.FindingSection, "data": shapes.FileSection, "inputs": shapes.FileSection}
 
 

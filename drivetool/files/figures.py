@@ -31,6 +31,10 @@ STYLE: dict[str, Any] = {
 
 def figure(exhibit: Exhibit) -> Figure:
     """The picture of an exhibit; a kind nobody knows is drawn as lines."""
+    if exhibit.kind.startswith("diagnosis-"):
+        from drivetool.files import report_figures
+
+        return report_figures.figure(exhibit)
     return _KINDS.get(exhibit.kind, _lines)(exhibit)
 
 

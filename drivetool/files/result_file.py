@@ -39,17 +39,19 @@ def dump_validation(validation: Validation, inputs: Inputs = (), form: Form = "y
 def dump(file: shapes.ParameterFile | shapes.ValidationFile, form: Form = "yaml") -> str:
     """A file as text, keys in the order of its type."""
     document = msgspec.to_builtins(file)
+    if document.get("diagnosis", "") is None:  # only diagnose has something to say there
+        del document["diagnosis"]
     return to_json(document) if form == "json" else to_yaml(document)
 
 
 def estimate_file(estimate: Estimate, inputs: Inputs = ()) -> shapes.ParameterFile:
     """The parameter file of an estimate, every value of its drive included."""
     drive = estimate.drive
-    parameters = {p.name: _parameter(_told_apart(p, drive)) for p in estimate.parameters}
+    parameters = {p.name: parameter_section(_told_apart(p, drive)) for p in estimate.parameters}
     for name, value in drive.values.items():
         if name not in parameters:
             # Or the next step would lose what an earlier one found.
-            parameters[name] = _parameter(Parameter(
+            parameters[name] = parameter_section(Parameter(
                 name, value, drive.unit(name), status="held", reason="taken over, not used in this step"))
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
@@ -79,7 +81,7 @@ def drive_section(drive: Drive) -> shapes.DriveSection:
         torque_unit=drive.torque_unit, motion_unit=drive.motion_unit, damping_law=drive.damping_law)
 
 
-def _parameter(parameter: Parameter) -> shapes.ParameterSection:
+def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     """One parameter; what is not finite becomes null with a reason."""
     entry: dict[str, Any] = plain(asdict(parameter))
     del entry["name"]

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from drivetool.check.diagnosis import State, Verdict
+
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
 
@@ -101,6 +103,69 @@ class CheckSection(Shape):
     passed: bool
 
 
+class SizeSection(Shape):
+    """A number with its unit."""
+
+    value: Number
+    unit: str | None = None
+
+
+class CandidateSection(Shape):
+    """One cause that was tried in one round of a diagnosis."""
+
+    code: Annotated[str, Meta(description="of the catalogue, see drivetool effects")]
+    state: State
+    round: Annotated[int, Meta(description="from one; each looks for one more cause")] = 1
+    law: str = ""
+    shown: Annotated[bool | None, Meta(description="whether this record can show it; null: not known")] = None
+    gain: Annotated[Number, Meta(description="log likelihood gained on data held out")] = None
+    gain_std: Annotated[Number, Meta(description="standard error of the gain")] = None
+    evidence: Annotated[
+        Number, Meta(description="log10 of the likelihood ratio on data held out to the best without it")] = None
+    smallest: Annotated[
+        dict[str, SizeSection], Meta(description="smallest size this record would have shown")] = {}
+    parameters: Annotated[
+        dict[str, ParameterSection], Meta(description="fitted with this cause, on the whole record")] = {}
+    reason: Annotated[str, Meta(description="where there is no gain to state")] = ""
+
+
+class GainSection(Shape):
+    """How much better free runs over data held out became."""
+
+    unit: Annotated[str, Meta(description="of rmse, its std and the noise floor")]
+    segment: Annotated[Number, Meta(description="length of the free runs in s")] = None
+    held_out_rmse_before: Number = None
+    held_out_rmse_after: Number = None
+    rmse_std: Annotated[Number, Meta(description="standard error of rmse before - after")] = None
+    held_out_fit_before: Annotated[Number, Meta(description="percent")] = None
+    held_out_fit_after: Annotated[Number, Meta(description="percent")] = None
+    noise_floor: Annotated[Number, Meta(description="std of the sensor alone")] = None
+    unexplained_percent: Annotated[
+        Number, Meta(description="share of what the base left unexplained that is still there")] = None
+
+
+class RoundSection(Shape):
+    """One round of a diagnosis; cause is null in the one that ended the search."""
+
+    round: int
+    cause: str | None = None
+    gain: GainSection | None = None
+
+
+class DiagnosisSection(Shape):
+    """What the simulation got wrong and why, as diagnose found it."""
+
+    verdict: Verdict
+    sentence: Annotated[str, Meta(description="the verdict in words")] = ""
+    causes: Annotated[list[str], Meta(description="in the order found")] = []
+    between: Annotated[list[str], Meta(description="causes that explain the record equally well")] = []
+    experiment: Annotated[str, Meta(description="what would decide, or show a smaller effect")] = ""
+    evidence: Annotated[dict[str, Number], Meta(description="log10 per cause")] = {}
+    gain: Annotated[GainSection | None, Meta(description="from the base to the extended drive")] = None
+    candidates: list[CandidateSection] = []
+    rounds: list[RoundSection] = []
+
+
 class ParameterFile(Shape):
     """What every step writes and the next one reads; a person may edit or write it."""
 
@@ -115,6 +180,7 @@ class ParameterFile(Shape):
     fit: dict[str, float | int | str | None] = {}
     findings: list[FindingSection] = []
     covariance: CovarianceSection | None = None
+    diagnosis: DiagnosisSection | None = None
     noise: dict[str, float | None] = {}
     details: Annotated[Plain, Meta(description="what else the step found")] = {}
     data: Annotated[list[FileSection], Meta(description="recordings")] = []

@@ -80,17 +80,21 @@ class Case:
 
         returns  (record files, held-out files)
         """
-        folder, labels = Path(folder), Path(labels)
-        folder.mkdir(parents=True, exist_ok=True)
+        labels = Path(labels)
         labels.mkdir(parents=True, exist_ok=True)
-        written = [[], []]
+        (labels / "label.json").write_text(json.dumps(self.label(visibility), indent=1) + "\n")
+        return self.write_records(folder)
+
+    def write_records(self, folder: Path) -> tuple[list[Path], list[Path]]:
+        """Record files into `folder` alone: (to work on, held out)."""
+        folder, written = Path(folder), ([], [])
+        folder.mkdir(parents=True, exist_ok=True)
         for records, found in zip((self.records, self.holdout), written, strict=True):
             for record in records:
                 path = folder / f"{record.name}.parquet"
                 write_parquet(path, self.channels(record), STEP)
                 found.append(path)
-        (labels / "label.json").write_text(json.dumps(self.label(visibility), indent=1) + "\n")
-        return written[0], written[1]
+        return written
 
     def channels(self, record: Record):
         """Role -> (values, unit)."""
@@ -146,12 +150,12 @@ def make_case(effects: str | Sequence[str], machine_seed: int, record: str = "re
     sensors = tuple(role for role in ROLES if role in sensors)
     if bodies == 1 and set(sensors) - {"motor_speed", "motor_angle"}:
         raise ValueError(f"one body: wanted sensors of the motor, found {', '.join(sensors)}")
-    rig = rig_by_seed(machine_seed, bodies, linear, known)
+    rig = rig_by_seed(machine_seed, bodies, linear, known, duration)
     machine, logger, hidden = conceal(codes, rig, size, machine_seed + 1000003 * seed)
     noises = noise_of(rig, sensors, noise, coloured)
-    made = [record_of(f"record{i + 1}", rig, machine, logger, noises, record, [seed, i], duration)
+    made = [record_of(f"record{i + 1}", rig, machine, logger, noises, record, [seed, i])
             for i in range(records)]
-    held = record_of("holdout", rig, machine, logger, noises, record, [seed, 10**6], duration)
+    held = record_of("holdout", rig, machine, logger, noises, record, [seed, 10**6])
     asked = {"effects": codes, "machine_seed": machine_seed, "record": record, "sensors": list(sensors),
              "noise": noise, "seed": seed, "bodies": bodies, "linear": linear, "records": records,
              "coloured": coloured, "duration": duration}
@@ -180,9 +184,9 @@ def noise_of(rig: Rig, sensors: Sequence[str], level: str, coloured: float = 0.0
 
 
 def record_of(name: str, rig: Rig, machine: Machine, logger: Logger, noise: Noise, kind: str,
-              seed: Sequence[int], duration: float) -> Record:
+              seed: Sequence[int]) -> Record:
     """Make the experiment on the true machine and log it."""
-    plan = profile(kind, rig, int(np.random.SeedSequence(seed).generate_state(1)[0]), duration)
+    plan = profile(kind, rig, int(np.random.SeedSequence(seed).generate_state(1)[0]))
     streams = np.random.default_rng([*seed, 15485863]).spawn(3)
     size = len(plan.torque)
     disturbance = noise.torque * streams[0].standard_normal(size)

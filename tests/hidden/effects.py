@@ -230,7 +230,7 @@ def _offset(rig, machine, logger, size, rng):
 
 
 def _load_step(rig, machine, logger, size, rng):
-    torque, time = size * rig.rated, rng.uniform(3.5, 8.5)
+    torque, time = size * rig.rated, rng.uniform(0.3, 0.7) * rig.duration
     return _law(machine, load_step=(torque, time)), logger, {
         f"{_owner(rig, -1)}.load_step": torque, f"{_owner(rig, -1)}.load_step_time": time}
 
@@ -241,8 +241,8 @@ def _outliers(rig, machine, logger, size, rng):
         "motor_speed.spikes": count, "motor_speed.spike_height": height}
 
 
-def _drift(_rig, machine, logger, size, rng):
-    time = rng.uniform(3.0, 6.0)
+def _drift(rig, machine, logger, size, rng):
+    time = rng.uniform(0.25, 0.5) * rig.duration
     return _law(machine, drift=(size, time)), logger, {"friction.drift": size, "friction.drift_time": time}
 
 

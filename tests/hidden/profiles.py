@@ -1,6 +1,6 @@
 """Experiments for a machine whose plain parameters are roughly known, as a careful engineer makes them.
 
-Every profile is twelve seconds at 1 kHz unless told; random levels come from the seed.
+Every profile is as long as the rig's records are, at 1 kHz; random levels come from the seed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Profile:
     start: State
 
 
-def profile(kind: str, rig: Rig, seed: int, duration: float = 12.0) -> Profile:
+def profile(kind: str, rig: Rig, seed: int) -> Profile:
     """One experiment.
 
     kind    "reversing": open loop, fast and slow reversals, a preload sweep, broadband torque;
@@ -42,7 +42,7 @@ def profile(kind: str, rig: Rig, seed: int, duration: float = 12.0) -> Profile:
     if kind not in KINDS:
         raise ValueError(f"record: wanted one of {', '.join(KINDS)}, found {kind!r}")
     rng = np.random.default_rng([seed, KINDS.index(kind), 104729])
-    size = round(duration / STEP)
+    size = round(rig.duration / STEP)
     if kind == "closed-loop":
         return _closed(rig, rng, size)
     speed, strength = (_reversing if kind == "reversing" else _upward)(rig, rng, size)

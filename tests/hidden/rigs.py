@@ -22,12 +22,14 @@ class Rig:
     top      [rad/s] speed that half a second of rated torque gives; the scale of all speeds
     turn     [rad] 1 for rotary machines, metres per radian for linear axes
     linear   whether it is a linear axis
+    duration [s] of its records
     """
 
     machine: Machine
     top: float
     turn: float = 1.0
     linear: bool = False
+    duration: float = 12.0
 
     @property
     def units(self) -> tuple[str, str]:
@@ -63,7 +65,7 @@ def resonances(machine: Machine) -> list[float]:
 
 
 def rig_by_seed(seed: int, bodies: int = 2, linear: bool = False,
-                coulomb: Mapping[int, float] | None = None) -> Rig:
+                coulomb: Mapping[int, float] | None = None, duration: float = 12.0) -> Rig:
     """A plausible machine; the same seed with other options keeps what they leave alone.
 
     Inertia ratio 0.1 to 10, resonance 5 to 60 Hz, damping 1 to 10 %. Viscous friction is shared in
@@ -89,7 +91,7 @@ def rig_by_seed(seed: int, bodies: int = 2, linear: bool = False,
         level[index] = rated * share
     machine = Machine(inertia, viscous, tuple(level), (0.0,) * (bodies - 1) + (idle * rated,), stiffness,
                       damping, rated_torque=rated)
-    return Rig(machine, top, 0.02 if linear else 1.0, linear)
+    return Rig(machine, top, 0.02 if linear else 1.0, linear, duration)
 
 
 def _shafts(inertia, hertz, second, zeta):

@@ -55,22 +55,22 @@ def simulate_fast(machine: Machine, torque: np.ndarray, step: float, start: Stat
     control = (float(pi.gain), float(pi.reset), float(pi.start), float(pi.limit), float(pi.resolution),
                float(resolution))
     plant, n = plant_of(machine), machine.bodies
-    mode = kernel.Mode(np.zeros(n - 1, np.int64), np.zeros(n, np.int64), np.zeros(5, np.int64))
+    mode = np.zeros((3, max(n, 5)), np.int64)
     whole, rest = split_dead_time(machine.dead_time, step)
     timing = (float(step), step / (substeps(machine, step) * finer), float(whole), float(rest),
               float(start.torque))
-    y = np.array([*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate,
-                  start.speeds[0]], float)
-    work = np.zeros((kernel.ROWS, y.size))
+    states = np.zeros((kernel.ROWS, 2 * n + 3))
+    states[kernel.NOW] = (*start.speeds, *start.twists, start.angle, start.torque, start.torque_rate,
+                          start.speeds[0])
     kept, commands = np.zeros((torque.size, 5 * n)), np.zeros(torque.size)
-    at = kernel.whole_record(y, plant, mode, work, signals, control, timing, kept, commands)
+    at = kernel.whole_record(states, plant, mode, signals, control, timing, kept, commands)
     if at >= 0:
         raise RuntimeError(f"more than {kernel.MOST_EVENTS} mode changes in sample {at}")
-    return _trajectory(machine, kept, commands, step, mode, y)
+    return _trajectory(machine, kept, commands, step, mode[kernel.EVENTS], states[kernel.NOW])
 
 
-def plant_of(machine: Machine) -> kernel.Plant:
-    """The machine's numbers as the kernel takes them."""
+def plant_of(machine: Machine) -> np.ndarray:
+    """(quantities, bodies or more) the machine's numbers as the kernel takes them."""
     m, e, n = machine, machine.effects, machine.bodies
     body = {name: np.array(getattr(m, name)) for name in ("inertia", "viscous", "coulomb")}
     body |= {name: np.array(e.of(name, n)) for name in (
@@ -86,8 +86,11 @@ def plant_of(machine: Machine) -> kernel.Plant:
         "hardening_twist", "hardening_power", "damping_torque")}
     path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.imbalance, *e.drift,
             *e.load_step, e.filter_time, float(m.law == "always"))
-    return kernel.Plant(np.array([body[name] for name in kernel.BODY], float),
-                        np.array([shaft[name] for name in kernel.SHAFT], float), np.array(path))
+    rows = [*(body[name] for name in kernel.BODY), *(shaft[name] for name in kernel.SHAFT), path]
+    table = np.zeros((len(rows), max(n, len(path))))
+    for row, values in zip(table, rows, strict=True):
+        row[:len(values)] = values
+    return table
 
 
 def substeps(machine: Machine, step: float) -> int:
@@ -106,11 +109,12 @@ def substeps(machine: Machine, step: float) -> int:
         fastest += [np.sqrt(stiffness * harder * ease), damping * (1.0 + most / torque) * ease]
     for i, (extra, speed) in enumerate(zip(e.of("stribeck", n), e.of("stribeck_speed", n), strict=True)):
         fastest.append(extra / speed / m.inertia[i])
-    smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back)
+    smooth = not (any(m.half_gap) or any(m.coulomb) or any(e.stribeck) or e.coulomb_back or e.viscous_back
+                  or e.hardening_twist or e.damping_torque)
     return max(3 if smooth else 6, int(np.ceil(3.0 * step * max(fastest))))
 
 
-def _trajectory(machine, kept, commands, step, mode, y) -> Trajectory:
+def _trajectory(machine, kept, commands, step, counts, y) -> Trajectory:
     n = machine.bodies
     speeds, twists, torques = kept[:, :n], kept[:, n:2 * n - 1], kept[:, 2 * n:3 * n - 1]
     angles = np.empty_like(speeds)
@@ -120,7 +124,7 @@ def _trajectory(machine, kept, commands, step, mode, y) -> Trajectory:
     lagged = machine.converter_bandwidth is not None
     end = State(tuple(y[:n]), tuple(y[n:2 * n - 1]), float(y[2 * n - 1]),
                 float(y[2 * n]) if lagged else float(commands[-1]), float(y[2 * n + 1]) if lagged else 0.0)
-    events = Counter(dict(zip(EVENTS, mode.events.tolist(), strict=True)))
+    events = Counter(dict(zip(EVENTS, counts[:5].tolist(), strict=True)))
     return Trajectory(
         np.arange(len(kept)) * step, speeds.copy(), angles, torques.copy(), commands, kept[:, 3 * n - 1],
         kept[:, 3 * n], kept[:, 3 * n + 1:4 * n].astype(np.int8), kept[:, 4 * n:].astype(bool),

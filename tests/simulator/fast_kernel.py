@@ -15,261 +15,286 @@ from scipy.integrate import DOP853
 A, B, C = (np.ascontiguousarray(a) for a in (DOP853.A[:12, :12], DOP853.B, DOP853.C[:12]))
 STAGES = 12
 SPEED_NOISE = 1e-14
+TWIST_NOISE = 1e-15
 MOST_EVENTS = 1000
 
-# Few arrays with many rows: compiled calls copy the description of every array they are given.
-Plant = namedtuple("Plant", ("body", "shaft", "path"))
+# Everything about the machine is one array, a row per quantity and a column per body or shaft, and
+# the states of the integrator are another: compiled calls pay for every array they are handed.
 BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribeck", "stribeck_speed",
         "quadratic", "idle", "rough")
 JN, VIS, VBK, COU, CBK, STR, SSP, QUA, IDL, ROU = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
-KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(SHAFT))
+KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
 PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "imbalance", "imbalance_ratio",
         "imbalance_phase", "drift", "drift_time", "load_step", "load_time", "filter_time", "always")
+LINE = len(BODY) + len(SHAFT)
 W0, ZETA, RIP, ORD, RPH, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW = range(len(PATH))
-# Contact states, slip states and counts of events.
-Mode = namedtuple("Mode", ("contact", "slip", "events"))
+# Rows of the modes: contact states, slip states, counts of events.
+CONTACT, SLIP, EVENTS = range(3)
 MADE, LOST, STUCK, RELEASED, REVERSED = range(5)
-# Rows of the integrator's work array after its stages.
-TRIAL, NEXT, NET, ROWS = STAGES, STAGES + 1, STAGES + 2, STAGES + 3
+# Rows of the states after the stages: now, within a step, at its end; and torques on the bodies.
+NOW, TRIAL, NEXT, NET, ROWS = range(STAGES, STAGES + 5)
 # What acts from outside over one piece: command, torque noise, load torque.
 Input = namedtuple("Input", ("command", "noise", "load"))
 
 
 @njit(cache=True, error_model="numpy")
-def one_side(y, k, side, p):
+def bodies(x):
+    """Number of bodies, from the length of the state."""
+    return (x.shape[1] - 3) // 2
+
+
+@njit(cache=True, error_model="numpy")
+def one_side(x, at, k, side, p):
     """Torque of shaft k as if it touched on `side` (+1, -1; 0 without gap)."""
-    n = p.body.shape[1]
-    rate = y[k] / p.shaft[RAT, k] - y[k + 1]
-    bend = y[n + k] - side * p.shaft[GAP, k]
-    elastic = p.shaft[KS, k] * bend
-    if p.shaft[HTW, k] < np.inf:
-        elastic *= 1.0 + (abs(bend) / p.shaft[HTW, k]) ** p.shaft[HPO, k]
-    damping = p.shaft[CS, k]
-    if p.shaft[DTO, k] < np.inf:
-        damping *= 1.0 + abs(elastic) / p.shaft[DTO, k]
-    if p.path[ALW] > 0.0:
+    n = bodies(x)
+    rate = x[at, k] / p[RAT, k] - x[at, k + 1]
+    bend = x[at, n + k] - side * p[GAP, k]
+    elastic = p[KS, k] * bend
+    if p[HTW, k] < np.inf:
+        elastic *= 1.0 + (abs(bend) / p[HTW, k]) ** p[HPO, k]
+    damping = p[CS, k]
+    if p[DTO, k] < np.inf:
+        damping *= 1.0 + abs(elastic) / p[DTO, k]
+    if p[LINE, ALW] > 0.0:
         damping = 0.0
     return elastic + damping * rate
 
 
 @njit(cache=True, error_model="numpy")
-def shaft_torque(y, k, p, mode):
+def bent(k, p):
+    """Whether stiffness or damping depend on the load: the law then has a kink at no load.
+
+    Without a gap the contact state is the sign of the twist, so that no step goes over the kink.
+    """
+    return p[HTW, k] < np.inf or p[DTO, k] < np.inf
+
+
+@njit(cache=True, error_model="numpy")
+def shaft_torque(x, at, k, p, mode):
     """Torque that shaft k passes on to its next body."""
-    extra = p.shaft[CS, k] * (y[k] / p.shaft[RAT, k] - y[k + 1]) if p.path[ALW] > 0.0 else 0.0
-    if p.shaft[GAP, k] > 0.0 and mode.contact[k] == 0:
+    extra = p[CS, k] * (x[at, k] / p[RAT, k] - x[at, k + 1]) if p[LINE, ALW] > 0.0 else 0.0
+    if p[GAP, k] > 0.0 and mode[CONTACT, k] == 0:
         return extra
-    return one_side(y, k, mode.contact[k] if p.shaft[GAP, k] > 0.0 else 0, p) + extra
+    return one_side(x, at, k, mode[CONTACT, k] if p[GAP, k] > 0.0 else 0, p) + extra
 
 
 @njit(cache=True, error_model="numpy")
 def worn(t, p):
     """Factor of viscous and Coulomb friction at time t."""
-    return 1.0 + p.path[DRI] * np.exp(-t / p.path[DTI]) if p.path[DRI] != 0.0 else 1.0
+    return 1.0 + p[LINE, DRI] * np.exp(-t / p[LINE, DTI]) if p[LINE, DRI] != 0.0 else 1.0
 
 
 @njit(cache=True, error_model="numpy")
-def net_torques(y, t, u, p, mode, net):
-    """All torques on each body except its Coulomb and Stribeck friction, into net."""
-    n, path, factor = p.body.shape[1], p.path, worn(t, p)
+def net_torques(x, at, t, u, p, mode):
+    """All torques on each body except its Coulomb and Stribeck friction, into row NET."""
+    n, factor = bodies(x), worn(t, p)
     for i in range(n):
-        w = y[i]
-        back = mode.slip[i] < 0 if p.body[ROU, i] > 0.0 else w < 0.0
-        viscous = p.body[VBK, i] if back else p.body[VIS, i]
-        net[i] = -viscous * factor * w - p.body[IDL, i] - p.body[QUA, i] * w * abs(w)
-    net[0] += (y[2 * n] if path[W0] > 0.0 else u.command) + u.noise
-    if path[RIP] != 0.0:
-        net[0] += path[RIP] * np.sin(path[ORD] * y[2 * n - 1] + path[RPH])
-    net[n - 1] -= u.load
-    if path[IMB] != 0.0:
-        angle = y[2 * n - 1]
+        w = x[at, i]
+        back = mode[SLIP, i] < 0 if p[ROU, i] > 0.0 else w < 0.0
+        viscous = p[VBK, i] if back else p[VIS, i]
+        x[NET, i] = -viscous * factor * w - p[IDL, i] - p[QUA, i] * w * abs(w)
+    x[NET, 0] += (x[at, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise
+    if p[LINE, RIP] != 0.0:
+        x[NET, 0] += p[LINE, RIP] * np.sin(p[LINE, ORD] * x[at, 2 * n - 1] + p[LINE, RPH])
+    x[NET, n - 1] -= u.load
+    if p[LINE, IMB] != 0.0:
+        angle = x[at, 2 * n - 1]
         for k in range(n - 1):
-            angle = angle / p.shaft[RAT, k] - y[n + k]
-        net[n - 1] -= path[IMB] * np.sin(angle / path[IRA] + path[IPH])
+            angle = angle / p[RAT, k] - x[at, n + k]
+        x[NET, n - 1] -= p[LINE, IMB] * np.sin(angle / p[LINE, IRA] + p[LINE, IPH])
     for k in range(n - 1):
-        torque = shaft_torque(y, k, p, mode)
-        net[k] -= torque / p.shaft[RAT, k]
-        net[k + 1] += torque
+        torque = shaft_torque(x, at, k, p, mode)
+        x[NET, k] -= torque / p[RAT, k]
+        x[NET, k + 1] += torque
 
 
 @njit(cache=True, error_model="numpy")
 def level(i, way, t, p):
     """Torque that body i can hold against motion in direction `way`."""
-    coulomb = p.body[COU, i] if way > 0 else p.body[CBK, i]
-    return coulomb * worn(t, p) + p.body[STR, i]
+    coulomb = p[COU, i] if way > 0 else p[CBK, i]
+    return coulomb * worn(t, p) + p[STR, i]
 
 
 @njit(cache=True, error_model="numpy")
-def derivative(y, t, u, p, mode, net, rate):
-    """d/dt of the state in the current mode, into rate."""
-    n = p.body.shape[1]
-    net_torques(y, t, u, p, mode, net)
+def derivative(x, at, to, t, u, p, mode):
+    """d/dt of the state in the current mode, from row `at` into row `to`."""
+    n = bodies(x)
+    net_torques(x, at, t, u, p, mode)
     for i in range(n):
-        force, way = net[i], mode.slip[i]
-        if p.body[ROU, i] > 0.0:
+        force, way = x[NET, i], mode[SLIP, i]
+        if p[ROU, i] > 0.0:
             if way == 0:
                 force = 0.0
             else:
-                held = (p.body[COU, i] if way > 0 else p.body[CBK, i]) * worn(t, p)
-                if p.body[STR, i] > 0.0:
-                    held += p.body[STR, i] * np.exp(-((y[i] / p.body[SSP, i]) ** 2))
+                held = (p[COU, i] if way > 0 else p[CBK, i]) * worn(t, p)
+                if p[STR, i] > 0.0:
+                    held += p[STR, i] * np.exp(-((x[at, i] / p[SSP, i]) ** 2))
                 force -= way * held
-        rate[i] = force / p.body[JN, i]
+        x[to, i] = force / p[JN, i]
     for k in range(n - 1):
-        rate[n + k] = y[k] / p.shaft[RAT, k] - y[k + 1]
-    rate[2 * n - 1] = y[0]
-    w0 = p.path[W0]
+        x[to, n + k] = x[at, k] / p[RAT, k] - x[at, k + 1]
+    x[to, 2 * n - 1] = x[at, 0]
+    w0 = p[LINE, W0]
     if w0 > 0.0:
-        rate[2 * n] = y[2 * n + 1]
-        rate[2 * n + 1] = w0 * w0 * (u.command - y[2 * n]) - 2.0 * p.path[ZETA] * w0 * y[2 * n + 1]
-    if p.path[FIL] > 0.0:
-        rate[2 * n + 2] = (y[0] - y[2 * n + 2]) / p.path[FIL]
+        x[to, 2 * n] = x[at, 2 * n + 1]
+        x[to, 2 * n + 1] = w0 * w0 * (u.command - x[at, 2 * n]) - 2.0 * p[LINE, ZETA] * w0 * x[at, 2 * n + 1]
+    if p[LINE, FIL] > 0.0:
+        x[to, 2 * n + 2] = (x[at, 0] - x[at, 2 * n + 2]) / p[LINE, FIL]
 
 
 @njit(cache=True, error_model="numpy")
-def step_ahead(y, t, h, u, p, mode, work):
-    """State h seconds after y in the same mode, into work[NEXT]."""
-    trial, ahead = work[TRIAL], work[NEXT]
-    ahead[:] = y
+def step_ahead(x, t, h, u, p, mode):
+    """State h seconds after row NOW in the same mode, into row NEXT."""
+    size = x.shape[1]
+    for j in range(size):
+        x[NEXT, j] = x[NOW, j]
     for s in range(STAGES):
-        trial[:] = y
+        for j in range(size):
+            x[TRIAL, j] = x[NOW, j]
         for r in range(s):
             share = h * A[s, r]
             if share != 0.0:
-                for j in range(y.size):
-                    trial[j] += share * work[r, j]
-        derivative(trial, t + C[s] * h, u, p, mode, work[NET], work[s])
+                for j in range(size):
+                    x[TRIAL, j] += share * x[r, j]
+        derivative(x, TRIAL, s, t + C[s] * h, u, p, mode)
         share = h * B[s]
         if share != 0.0:
-            for j in range(y.size):
-                ahead[j] += share * work[s, j]
+            for j in range(size):
+                x[NEXT, j] += share * x[s, j]
 
 
 @njit(cache=True, error_model="numpy")
-def direction(y, i, t, u, p, mode, work):
+def direction(x, i, t, u, p, mode):
     """Where a body at standstill goes: nowhere while friction can hold it."""
-    net_torques(y, t, u, p, mode, work[NET])
-    if work[NET, i] > level(i, 1, t, p):
+    net_torques(x, NOW, t, u, p, mode)
+    if x[NET, i] > level(i, 1, t, p):
         return 1
-    return -1 if work[NET, i] < -level(i, -1, t, p) else 0
+    return -1 if x[NET, i] < -level(i, -1, t, p) else 0
 
 
 @njit(cache=True, error_model="numpy")
-def violated(y, t, u, p, mode, work):
+def violated(x, at, t, u, p, mode):
     """(shaft or n-1 + body, new contact or slip) of the first guard that fails; (-1, 0) if none."""
-    n = p.body.shape[1]
+    n = bodies(x)
     for k in range(n - 1):
-        if p.shaft[GAP, k] > 0.0:
-            noise = p.shaft[KS, k] * (1e-15 + 1e-13 * p.shaft[GAP, k])
-            side = mode.contact[k]
+        if p[GAP, k] > 0.0:
+            noise = p[KS, k] * (1e-15 + 1e-13 * p[GAP, k])
+            side = mode[CONTACT, k]
             if side != 0:
-                if side * one_side(y, k, side, p) < -noise:
+                if side * one_side(x, at, k, side, p) < -noise:
                     return k, 0
-            elif one_side(y, k, 1, p) > noise:
+            elif one_side(x, at, k, 1, p) > noise:
                 return k, 1
-            elif one_side(y, k, -1, p) < -noise:
+            elif one_side(x, at, k, -1, p) < -noise:
                 return k, -1
+        elif bent(k, p) and mode[CONTACT, k] * x[at, n + k] < -TWIST_NOISE:
+            return k, -mode[CONTACT, k]
     known = False
     for i in range(n):
-        if p.body[ROU, i] > 0.0:
-            if mode.slip[i] != 0:
-                if mode.slip[i] * y[i] < -SPEED_NOISE:
+        if p[ROU, i] > 0.0:
+            if mode[SLIP, i] != 0:
+                if mode[SLIP, i] * x[at, i] < -SPEED_NOISE:
                     return n - 1 + i, 0
                 continue
             if not known:
-                net_torques(y, t, u, p, mode, work[NET])
+                net_torques(x, at, t, u, p, mode)
                 known = True
             for way in (1, -1):
                 hold = level(i, way, t, p)
-                if way * work[NET, i] - hold > 1e-12 * hold:
+                if way * x[NET, i] - hold > 1e-12 * hold:
                     return n - 1 + i, way
     return -1, 0
 
 
 @njit(cache=True, error_model="numpy")
-def leave(which, new, y, t, u, p, mode, work):
-    """Change the mode at an event; a body that halts gets exactly zero speed in y."""
-    n = p.body.shape[1]
+def leave(which, new, x, t, u, p, mode):
+    """Change the mode at an event; a body that halts gets exactly zero speed."""
+    n = bodies(x)
     if which < n - 1:
-        mode.contact[which] = new
-        mode.events[MADE if new else LOST] += 1
+        mode[CONTACT, which] = new
+        if p[GAP, which] > 0.0:
+            mode[EVENTS, MADE if new else LOST] += 1
         return
     i = which - (n - 1)
     if new:
-        mode.slip[i] = new
-        mode.events[RELEASED] += 1
+        mode[SLIP, i] = new
+        mode[EVENTS, RELEASED] += 1
         return
-    y[i] = 0.0
-    before = mode.slip[i]
-    now = direction(y, i, t, u, p, mode, work)
-    mode.slip[i] = now
+    x[NOW, i] = 0.0
+    before = mode[SLIP, i]
+    now = direction(x, i, t, u, p, mode)
+    mode[SLIP, i] = now
     if now != before:
-        mode.events[REVERSED if now else STUCK] += 1
+        mode[EVENTS, REVERSED if now else STUCK] += 1
 
 
 @njit(cache=True, error_model="numpy")
-def settle(y, t, u, p, mode, work):
+def settle(x, t, u, p, mode):
     """Choose slip states after the torques may have jumped."""
-    for i in range(p.body.shape[1]):
-        if p.body[ROU, i] == 0.0:
+    for i in range(bodies(x)):
+        if p[ROU, i] == 0.0:
             continue
-        before = mode.slip[i]
-        if before * y[i] < 0.0 and abs(y[i]) <= SPEED_NOISE:
-            y[i] = 0.0
-        now = int(np.sign(y[i])) if y[i] != 0.0 else direction(y, i, t, u, p, mode, work)
-        mode.slip[i] = now
-        if now != before and y[i] == 0.0:
-            mode.events[RELEASED if before == 0 else (REVERSED if now else STUCK)] += 1
+        before = mode[SLIP, i]
+        if before * x[NOW, i] < 0.0 and abs(x[NOW, i]) <= SPEED_NOISE:
+            x[NOW, i] = 0.0
+        now = int(np.sign(x[NOW, i])) if x[NOW, i] != 0.0 else direction(x, i, t, u, p, mode)
+        mode[SLIP, i] = now
+        if now != before and x[NOW, i] == 0.0:
+            mode[EVENTS, RELEASED if before == 0 else (REVERSED if now else STUCK)] += 1
 
 
 @njit(cache=True, error_model="numpy")
-def advance(y, t, length, longest, u, p, mode, work):
-    """State `length` seconds on, into y; False after too many events."""
-    settle(y, t, u, p, mode, work)
+def advance(x, t, length, longest, u, p, mode):
+    """State `length` seconds on; False after too many events."""
+    settle(x, t, u, p, mode)
     end, count = t + length, 0
     while True:
-        which, new = violated(y, t, u, p, mode, work)
+        which, new = violated(x, NOW, t, u, p, mode)
         if which >= 0:
             count += 1
             if count > MOST_EVENTS:
                 return False
-            leave(which, new, y, t, u, p, mode, work)
+            leave(which, new, x, t, u, p, mode)
             continue
         left = end - t
         if left <= 1e-16:
             return True
         h = longest if left > 1.000001 * longest else left
-        step_ahead(y, t, h, u, p, mode, work)
-        if violated(work[NEXT], t + h, u, p, mode, work)[0] >= 0:
+        step_ahead(x, t, h, u, p, mode)
+        if violated(x, NEXT, t + h, u, p, mode)[0] >= 0:
             low = 0.0
             for _ in range(64):
                 middle = 0.5 * (low + h)
                 if middle <= low or middle >= h or h - low < 1e-17:
                     break
-                step_ahead(y, t, middle, u, p, mode, work)
-                if violated(work[NEXT], t + middle, u, p, mode, work)[0] >= 0:
+                step_ahead(x, t, middle, u, p, mode)
+                if violated(x, NEXT, t + middle, u, p, mode)[0] >= 0:
                     h = middle
                 else:
                     low = middle
-            step_ahead(y, t, h, u, p, mode, work)
-        y[:] = work[NEXT]
+            step_ahead(x, t, h, u, p, mode)
+        for j in range(x.shape[1]):
+            x[NOW, j] = x[NEXT, j]
         t = t + h if h < left else end
 
 
 @njit(cache=True, error_model="numpy")
-def begin(y, p, mode):
-    """Choose the contact states that belong to state y."""
-    for k in range(p.shaft.shape[1]):
-        mode.contact[k] = 0
-        if p.shaft[GAP, k] > 0.0:
-            if one_side(y, k, 1, p) > 0.0:
-                mode.contact[k] = 1
-            elif one_side(y, k, -1, p) < 0.0:
-                mode.contact[k] = -1
+def begin(x, p, mode):
+    """Choose the contact states that belong to the state."""
+    for k in range(bodies(x) - 1):
+        mode[CONTACT, k] = 0
+        if p[GAP, k] > 0.0:
+            if one_side(x, NOW, k, 1, p) > 0.0:
+                mode[CONTACT, k] = 1
+            elif one_side(x, NOW, k, -1, p) < 0.0:
+                mode[CONTACT, k] = -1
+        elif bent(k, p):
+            mode[CONTACT, k] = 1 if x[NOW, bodies(x) + k] >= 0.0 else -1
 
 
 @njit(cache=True, error_model="numpy")
-def whole_record(y, p, mode, work, signals, control, timing, kept, commands):
+def whole_record(x, p, mode, signals, control, timing, kept, commands):
     """Every sample of a record.
 
     signals   (5, samples) torque, torque noise, load torque, sensor noise, speed reference
@@ -280,13 +305,13 @@ def whole_record(y, p, mode, work, signals, control, timing, kept, commands):
     commands  (samples,) filled
     returns   sample at which there were too many events, or -1
     """
-    n, samples = p.body.shape[1], commands.size
+    n, samples = bodies(x), commands.size
     step, longest, whole, rest, before = timing
     integral = control[2]
-    begin(y, p, mode)
+    begin(x, p, mode)
     for i in range(samples):
         t = i * step
-        seen = (y[2 * n + 2] if p.path[FIL] > 0.0 else y[0]) + signals[3, i]
+        seen = (x[NOW, 2 * n + 2] if p[LINE, FIL] > 0.0 else x[NOW, 0]) + signals[3, i]
         if control[5] > 0.0:
             seen = np.rint(seen / control[5]) / (1.0 / control[5])
         commands[i] = signals[0, i]
@@ -300,35 +325,35 @@ def whole_record(y, p, mode, work, signals, control, timing, kept, commands):
         now = i - int(whole)
         late = commands[now] if now >= 0 else before
         later = commands[now - 1] if now >= 1 else before
-        load, switch = signals[2, i], p.path[LTI]
+        load, switch = signals[2, i], p[LINE, LTI]
         first = later if rest > 0.0 else late
-        stepped = p.path[LST] if switch <= t else 0.0
+        stepped = p[LINE, LST] if switch <= t else 0.0
         u = Input(first, signals[1, i], load + stepped)
-        settle(y, t, u, p, mode, work)
-        keep(kept[i], y, seen, u, p, mode)
-        cuts = (rest, switch - t if t < switch < t + step and p.path[LST] != 0.0 else 0.0)
+        settle(x, t, u, p, mode)
+        keep(kept[i], x, seen, u, p, mode)
+        cuts = (rest, switch - t if t < switch < t + step and p[LINE, LST] != 0.0 else 0.0)
         begun = 0.0
         for cut in (min(cuts), max(cuts), step):
             if cut > begun:
                 half = 0.5 * (begun + cut)
                 u = Input(late if half > rest else later, signals[1, i],
-                          load + (p.path[LST] if t + half > switch else 0.0))
-                if not advance(y, t + begun, cut - begun, longest, u, p, mode, work):
+                          load + (p[LINE, LST] if t + half > switch else 0.0))
+                if not advance(x, t + begun, cut - begun, longest, u, p, mode):
                     return i
                 begun = cut
     return -1
 
 
 @njit(cache=True, error_model="numpy")
-def keep(row, y, seen, u, p, mode):
+def keep(row, x, seen, u, p, mode):
     """All that is kept of one instant."""
-    n = p.body.shape[1]
-    row[: 2 * n] = y[: 2 * n]
+    n = bodies(x)
+    row[: 2 * n] = x[NOW, : 2 * n]
     for k in range(n - 1):
-        torque = shaft_torque(y, k, p, mode)
+        torque = shaft_torque(x, NOW, k, p, mode)
         row[2 * n + k] = torque
-        row[3 * n + 1 + k] = mode.contact[k] if p.shaft[GAP, k] > 0.0 else np.sign(torque)
-    row[3 * n - 1] = (y[2 * n] if p.path[W0] > 0.0 else u.command) + u.noise
+        row[3 * n + 1 + k] = mode[CONTACT, k] if p[GAP, k] > 0.0 else np.sign(torque)
+    row[3 * n - 1] = (x[NOW, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise
     row[3 * n] = seen
     for i in range(n):
-        row[4 * n + i] = 1.0 if p.body[ROU, i] > 0.0 and mode.slip[i] == 0 else 0.0
+        row[4 * n + i] = 1.0 if p[ROU, i] > 0.0 and mode[SLIP, i] == 0 else 0.0

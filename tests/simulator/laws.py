@@ -4,14 +4,17 @@ A mode is one contact state per shaft (+1, 0 in the gap, -1) and one slip state 
 Coulomb friction (+1, 0 stuck, -1). Within it every law is smooth. Plain Python numbers: for a
 handful of states they are faster than small arrays.
 
-State vector: speeds, twists, angle of body 0 since the start of the piece, and with a converter
-its torque and torque rate. Twists are states of their own because the difference of two large
-angles would lose the digits that the shaft torque needs.
+State vector: speeds, twists, angle of body 0 since the start of the sample, with a converter its
+torque and torque rate, with a sensor filter the filtered speed, with friction that drifts the time.
+Twists are states of their own because the difference of two large angles would lose the digits that
+the shaft torque needs.
 """
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from dataclasses import dataclass
 
 from tests.simulator.machine import Machine
 
@@ -23,14 +26,16 @@ class Laws:
 
     command, disturbance, load  [Nm] constant until the caller changes them: the command as it
     reaches the converter, a torque added on body 0, a torque that opposes the last body
+    turned  [rad] angle of body 0 at the start of the sample, set by the caller too
     """
 
     def __init__(self, machine: Machine):
         self.machine = machine
         self.n = n = machine.bodies
-        self.command = self.disturbance = self.load = 0.0
+        self.command = self.disturbance = self.load = self.turned = 0.0
         self.gapped = [k for k in range(n - 1) if machine.half_gap[k] > 0]
-        self.rough = [i for i in range(n) if machine.coulomb[i] > 0]
+        self.body = _bodies(machine)
+        self.rough = [i for i, b in enumerate(self.body) if b.rough]
         self.contact = [0] * (n - 1)
         self.slip = [0] * n
         self.events: Counter[str] = Counter()
@@ -40,41 +45,85 @@ class Laws:
             (k, ks, (cs / ks if inside else 0.0), (0.0 if inside else cs), gap, ratio)
             for k, (ks, cs, gap, ratio) in enumerate(zip(
                 machine.stiffness, machine.damping, machine.half_gap, machine.ratio, strict=True))]
-        self.resisting = list(zip(machine.viscous, machine.idle_torque, strict=True))
+        e = machine.effects
+        rows = zip(*(e.of(name, n - 1) for name in (
+            "hardening_twist", "hardening_power", "damping_torque")), strict=True)
+        # Shaft -> hardening twist, power, T0 of the damping.
+        self.bent = {k: row for k, row in enumerate(rows) if min(row[0], row[2]) < math.inf}
         self.converter = machine.converter_bandwidth is not None
+        size = 2 * n + 2 * self.converter
+        self.filtered = size if e.filter_time > 0 else None
+        self.clock = size + (e.filter_time > 0) if e.drift[0] else None
 
     def begin(self, x: list[float]) -> None:
         """Choose the contact states that belong to state x; call once before the first piece."""
         for k in self.gapped:
-            reach, gap = self.reach(x, k), self.machine.half_gap[k]
-            self.contact[k] = (reach > gap) - (reach < -gap)
+            self.contact[k] = (self.touch(x, k, 1) > 0) - (self.touch(x, k, -1) < 0)
 
     def reach(self, x: list[float], k: int) -> float:
         """z of shaft k [rad]: what the dead zone acts on."""
         _, _, lead, _, _, ratio = self.shafts[k]
         return x[self.n + k] + lead * (x[k] / ratio - x[k + 1])
 
+    def touch(self, x: list[float], k: int, side: int) -> float:
+        """Of the sign of the torque that shaft k has if it touches on `side`: a twist [rad]."""
+        if k not in self.bent:
+            return self.reach(x, k) - side * self.machine.half_gap[k]
+        return self._bent_torque(x, k, side) / self.machine.stiffness[k]
+
+    def _bent_torque(self, x: list[float], k: int, side: int) -> float:
+        """Torque of a shaft whose stiffness or damping changes with its load."""
+        _, ks, lead, _, gap, ratio = self.shafts[k]
+        twist, power, torque = self.bent[k]
+        bend = x[self.n + k] - side * gap
+        elastic = ks * bend * (1.0 + (abs(bend) / twist) ** power)
+        return elastic + lead * ks * (1.0 + abs(elastic) / torque) * (x[k] / ratio - x[k + 1])
+
     def shaft_torques(self, x: list[float]) -> list[float]:
         """(n-1,) torque that each shaft passes on to its next body [Nm]."""
         torques = []
         for k, ks, lead, extra, gap, ratio in self.shafts:
             rate = x[k] / ratio - x[k + 1]
-            if gap > 0:
-                side = self.contact[k]
-                closed = ks * (x[self.n + k] + lead * rate - side * gap) if side else 0.0
+            side = self.contact[k] if gap > 0 else 0
+            if gap > 0 and not side:
+                closed = 0.0
+            elif k in self.bent:
+                closed = self._bent_torque(x, k, side)
             else:
-                closed = ks * (x[self.n + k] + lead * rate)
+                closed = ks * (x[self.n + k] + lead * rate - side * gap)
             torques.append(closed + extra * rate)
         return torques
 
+    def worn(self, x: list[float]) -> float:
+        """Factor of viscous and Coulomb friction."""
+        if self.clock is None:
+            return 1.0
+        share, time = self.machine.effects.drift
+        return 1.0 + share * math.exp(-x[self.clock] / time)
+
+    def hold(self, x: list[float], i: int, way: int) -> float:
+        """Torque that body i at standstill can hold against motion in direction `way` [Nm]."""
+        b = self.body[i]
+        return (b.coulomb if way > 0 else b.coulomb_back) * self.worn(x) + b.stribeck
+
     def net_torques(self, x: list[float]) -> list[float]:
-        """(n,) sum of all torques on each body except its Coulomb friction [Nm]."""
-        net = [-c * w - idle for (c, idle), w in zip(self.resisting, x, strict=False)]
-        net[0] += (x[2 * self.n] if self.converter else self.command) + self.disturbance
+        """(n,) sum of all torques on each body except its Coulomb and Stribeck friction [Nm]."""
+        n, e, worn, net = self.n, self.machine.effects, self.worn(x), []
+        for i, b in enumerate(self.body):
+            back = self.slip[i] < 0 if b.rough else x[i] < 0
+            viscous = (b.viscous_back if back else b.viscous) * worn
+            net.append(-viscous * x[i] - b.idle - b.quadratic * x[i] * abs(x[i]))
+        net[0] += (x[2 * n] if self.converter else self.command) + self.disturbance
         net[-1] -= self.load
+        angle = self.turned + x[2 * n - 1]
+        if e.ripple[0]:
+            net[0] += e.ripple[0] * math.sin(e.ripple[1] * angle + e.ripple[2])
         for k, torque in enumerate(self.shaft_torques(x)):
             net[k] -= torque / self.shafts[k][5]
             net[k + 1] += torque
+            angle = angle / self.shafts[k][5] - x[n + k]
+        if e.imbalance[0]:
+            net[-1] -= e.imbalance[0] * math.sin(angle / e.imbalance[1] + e.imbalance[2])
         return net
 
     def derivative(self, _t, y):
@@ -82,7 +131,7 @@ class Laws:
         x = y.tolist()
         net = self.net_torques(x)
         for i in self.rough:
-            net[i] = net[i] - self.slip[i] * self.machine.coulomb[i] if self.slip[i] else 0.0
+            net[i] = net[i] - self.slip[i] * self._sliding(x, i) if self.slip[i] else 0.0
         rates = [torque / inertia for torque, inertia in zip(net, self.machine.inertia, strict=True)]
         for k, shaft in enumerate(self.shafts):
             rates.append(x[k] / shaft[5] - x[k + 1])
@@ -91,18 +140,28 @@ class Laws:
             w0, zeta = self.machine.converter_bandwidth, self.machine.converter_damping
             torque, slope = x[2 * self.n], x[2 * self.n + 1]
             rates += [slope, w0 * w0 * (self.command - torque) - 2.0 * zeta * w0 * slope]
+        if self.filtered is not None:
+            rates.append((x[0] - x[self.filtered]) / self.machine.effects.filter_time)
+        if self.clock is not None:
+            rates.append(1.0)
         return rates
+
+    def _sliding(self, x: list[float], i: int) -> float:
+        """Coulomb and Stribeck friction of a body that slides [Nm]."""
+        b = self.body[i]
+        level = (b.coulomb if self.slip[i] > 0 else b.coulomb_back) * self.worn(x)
+        return level + (b.stribeck * math.exp(-((x[i] / b.stribeck_speed) ** 2)) if b.stribeck else 0.0)
 
     def guards(self, x: list[float]) -> list[float]:
         """Values that are positive for as long as the mode is right; order as in `exits`."""
         values = []
         for k in self.gapped:
-            reach, gap, side = self.reach(x, k), self.machine.half_gap[k], self.contact[k]
-            values += [side * reach - gap] if side else [gap - reach, gap + reach]
+            side = self.contact[k]
+            values += [side * self.touch(x, k, side)] if side else [-self.touch(x, k, 1), self.touch(x, k, -1)]
         net = self.net_torques(x) if any(self.slip[i] == 0 for i in self.rough) else ()
         for i in self.rough:
-            level = self.machine.coulomb[i]
-            values += [self.slip[i] * x[i]] if self.slip[i] else [level - net[i], level + net[i]]
+            values += [self.slip[i] * x[i]] if self.slip[i] else [
+                self.hold(x, i, 1) - net[i], self.hold(x, i, -1) + net[i]]
         return values
 
     def exits(self) -> list[tuple[str, int, int, float]]:
@@ -113,7 +172,8 @@ class Laws:
             sides = (0,) if self.contact[k] else (1, -1)
             found += [("contact", k, side, noise) for side in sides]
         for i in self.rough:
-            noise = 1e-12 * self.machine.coulomb[i]
+            b = self.body[i]
+            noise = 1e-12 * (max(b.coulomb, b.coulomb_back) + b.stribeck)
             if self.slip[i]:
                 found.append(("halt", i, 0, SPEED_NOISE))
             else:
@@ -152,5 +212,36 @@ class Laws:
 
     def _direction(self, x: list[float], body: int) -> int:
         """Where a body at standstill goes: nowhere while friction can hold it."""
-        torque, level = self.net_torques(x)[body], self.machine.coulomb[body]
-        return (torque > level) - (torque < -level)
+        torque = self.net_torques(x)[body]
+        return (torque > self.hold(x, body, 1)) - (torque < -self.hold(x, body, -1))
+
+
+@dataclass(frozen=True)
+class _Body:
+    """What resists one body; rough: its friction depends on the direction it moves in."""
+
+    viscous: float
+    viscous_back: float
+    coulomb: float
+    coulomb_back: float
+    stribeck: float
+    stribeck_speed: float
+    quadratic: float
+    idle: float
+
+    @property
+    def rough(self) -> bool:
+        return max(self.coulomb, self.coulomb_back, self.stribeck) > 0 or self.viscous_back != self.viscous
+
+
+def _bodies(machine: Machine) -> list[_Body]:
+    """Values of every body; what is not given for negative motion is as for positive."""
+    e, n = machine.effects, machine.bodies
+    found = []
+    for viscous, back, coulomb, other, *rest in zip(
+            machine.viscous, e.of("viscous_back", n), machine.coulomb, e.of("coulomb_back", n),
+            e.of("stribeck", n), e.of("stribeck_speed", n), e.of("quadratic", n), machine.idle_torque,
+            strict=True):
+        found.append(_Body(viscous, viscous if math.isnan(back) else back, coulomb,
+                           coulomb if math.isnan(other) else other, *rest))
+    return found

@@ -115,16 +115,19 @@ def simulate(
     commands, rows = [], []
     for i, (command, disturbance, load_now) in enumerate(
             zip(torque.tolist(), noise.tolist(), load.tolist(), strict=True)):
-        measured = sensor.read(i, float(y[0]), angle)
+        measured = sensor.read(i, float(y[laws.filtered or 0]), angle)
         if controller is not None:
             command += controller.torque(i, measured)
         commands.append(command)
-        laws.disturbance, laws.load = disturbance, load_now
-        pieces = _pieces(commands, machine.dead_time, step, start.torque)
-        laws.command = pieces[0][1]
+        laws.disturbance, laws.turned = disturbance, angle
+        if laws.clock is not None:
+            y[laws.clock] = i * step
+        pieces = _loaded(_pieces(commands, machine.dead_time, step, start.torque), machine, i * step)
+        laws.command, laws.load = pieces[0][1], load_now + pieces[0][2]
         laws.settle(y)
         rows.append(_row(laws, y.tolist(), angle, measured))
-        for length, laws.command in pieces:
+        for length, laws.command, stepped in pieces:
+            laws.load = load_now + stepped
             y = stepper.advance(y, length)
         angle += float(y[2 * machine.bodies - 1])
         y[2 * machine.bodies - 1] = 0.0
@@ -141,6 +144,19 @@ def _pieces(commands: list[float], dead_time: float, step: float, before: float)
     return [(rest, later), (step - rest, late)]
 
 
+def _loaded(pieces, machine: Machine, begun: float):
+    """[(length, command, stepped load)]: the piece in which the load steps is cut in two."""
+    (torque, when), found = machine.effects.load_step, []
+    for length, command in pieces:
+        before = min(max(when - begun, 0.0), length)
+        if torque and 0.0 < before < length:
+            found.append((before, command, 0.0))
+        after = length - before if 0.0 < before < length else length
+        found.append((after, command, torque if torque and before < length else 0.0))
+        begun += length
+    return found
+
+
 def split_dead_time(dead_time: float, step: float) -> tuple[int, float]:
     """Whole samples and the remaining seconds; a rounding error is not a remainder."""
     whole = int(np.floor(dead_time / step + 1e-9))
@@ -150,12 +166,14 @@ def split_dead_time(dead_time: float, step: float) -> tuple[int, float]:
 
 def _vector(machine: Machine, start: State) -> np.ndarray:
     converter = [start.torque, start.torque_rate] if machine.converter_bandwidth is not None else []
-    return np.array([*start.speeds, *start.twists, 0.0, *converter], float)
+    effects = machine.effects
+    extra = [start.speeds[0]] * (effects.filter_time > 0) + [0.0] * bool(effects.drift[0])
+    return np.array([*start.speeds, *start.twists, 0.0, *converter, *extra], float)
 
 
 def _state(machine: Machine, y: np.ndarray, angle: float, laws: Laws) -> State:
     n, x = machine.bodies, y.tolist()
-    torque, rate = x[2 * n:] if laws.converter else (laws.command, 0.0)
+    torque, rate = x[2 * n:2 * n + 2] if laws.converter else (laws.command, 0.0)
     return State(tuple(x[:n]), tuple(x[n:2 * n - 1]), angle, torque, rate)
 
 

@@ -1,0 +1,253 @@
+"""The causes that diagnose can add to a drive: what each frees, and where its fit starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.check.model import Model
+from drivetool.check.scan import half_gaps, likely_orders, step_times
+from drivetool.check.structure import with_third_mass
+from drivetool.drive.chain import Drive
+from drivetool.identify.engine import Task
+
+SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
+WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the record
+LATE = (0.5, 1.5, 4.0)  # delays and lags in samples
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the fit of a cause starts: the task with all that is free, and what is worth a first step.
+
+    amplitudes  of the free names, those whose first guess a linear step gives
+    """
+
+    task: Task
+    amplitudes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause.
+
+    code     in files and on the command line
+    effect   code of the effect in the drive's catalogue, which has law, needs and literature
+    starts   (base) -> where to start; empty if the base has it already or the drive cannot have it
+    nests    codes of causes that are special cases of this one
+    absent   why there are no starts
+    """
+
+    code: str
+    effect: str
+    starts: Callable[[Model], list[Start]]
+    nests: tuple[str, ...] = ()
+    absent: Callable[[Model], str] = lambda base: "it is part of the model already"
+
+
+def added(base: Model, values: Mapping[str, float], amplitudes: Sequence[str], held: Sequence[str] = ()) -> Start:
+    """The base with more parameters: `values` start them, all but `held` are free."""
+    task = base.fitted
+    drive = replace(task.drive, values={**task.drive.values, **values})
+    new = {n for n in values if n not in held}
+    free = tuple(n for n in drive.quantities if n in {*task.free, *new})
+    return Start(replace(task, drive=drive, free=free), tuple(amplitudes))
+
+
+def present(base: Model, name: str) -> bool:
+    """Whether a parameter acts in the base or is one of its free ones."""
+    drive = base.task.drive
+    return name in base.task.free or drive.value(name) not in (None, drive.quantity(name).neutral)
+
+
+def torque_size(base: Model) -> float:
+    """Spread of the motor torque."""
+    return float(np.std(np.concatenate([t.inputs[:, 0] for t in base.problem.traces])))
+
+
+def motion(base: Model) -> tuple[float, float]:
+    """(fastest speed, 98 % quantile; length of the longest record [s])."""
+    speeds = []
+    for t in base.problem.traces:
+        y = t.outputs[:, 0]
+        y = np.interp(np.arange(len(y)), np.flatnonzero(np.isfinite(y)), y[np.isfinite(y)])
+        speeds.append(np.abs(np.gradient(y, t.step) if base.task.roles.outputs[0].endswith("angle") else y))
+    return (float(np.quantile(np.concatenate(speeds), 0.98)),
+            max(t.size * t.step for t in base.problem.traces))
+
+
+def ends(base: Model) -> tuple[str, ...]:
+    """The bodies at which friction may be told apart: the last one only with more than one body."""
+    bodies = base.task.drive.bodies
+    return bodies[:1] if len(bodies) == 1 else (bodies[0], bodies[-1])
+
+
+def _backlash(base: Model) -> list[Start]:
+    found = []
+    for shaft in base.task.drive.shafts:
+        name = f"{shaft}.half_gap"
+        if not present(base, name):
+            found += [added(base, {name: value}, ()) for value in half_gaps(base, name, torque_size(base))]
+    return found
+
+
+def _coulomb(at: int) -> Callable[[Model], list[Start]]:
+    def starts(base: Model) -> list[Start]:
+        bodies = base.task.drive.bodies
+        name = f"{bodies[at]}.coulomb"
+        if (at == -1 and len(bodies) == 1) or present(base, name):
+            return []
+        return [added(base, {name: 1e-6 * torque_size(base)}, (name,)),
+                added(base, {name: 0.03 * torque_size(base)}, ())]
+    return starts
+
+
+def _stribeck(at: int) -> Callable[[Model], list[Start]]:
+    def starts(base: Model) -> list[Start]:
+        bodies = base.task.drive.bodies
+        body = bodies[at]
+        if (at == -1 and len(bodies) == 1) or present(base, f"{body}.stribeck"):
+            return []
+        size, found = torque_size(base), []
+        for share in SLOW:
+            values = {f"{body}.stribeck": 1e-6 * size, f"{body}.stribeck_speed": share * motion(base)[0]}
+            if not present(base, f"{body}.coulomb"):
+                values[f"{body}.coulomb"] = 1e-6 * size
+            found.append(added(base, values, [n for n in values if not n.endswith("speed")]))
+        return found
+    return starts
+
+
+def _of_bodies(suffix: str) -> Callable[[Model], list[Start]]:
+    """One amplitude on the motor, or on the last body."""
+    def starts(base: Model) -> list[Start]:
+        names = [f"{body}.{suffix}" for body in ends(base)]
+        if any(present(base, n) for n in names):
+            return []
+        return [added(base, {n: 0.0}, (n,)) for n in names]
+    return starts
+
+
+def _hardening(base: Model) -> list[Start]:
+    found, drive = [], base.fitted.drive
+    for shaft in drive.shafts:
+        if present(base, f"{shaft}.hardening"):
+            continue
+        twist = 2.0 * torque_size(base) / drive.value(f"{shaft}.stiffness")
+        for power in (2.0, 1.0):
+            names = {f"{shaft}.hardening": 0.0, f"{shaft}.hardening_twist": twist,
+                     f"{shaft}.hardening_power": power}
+            found.append(added(base, names, (f"{shaft}.hardening",), held=(f"{shaft}.hardening_twist",)))
+    return found
+
+
+def _load_damping(base: Model) -> list[Start]:
+    names = [f"{s}.load_damping" for s in base.task.drive.shafts]
+    return [added(base, {n: 0.0}, (n,)) for n in names if not present(base, n)]
+
+
+def _third_mass(base: Model) -> list[Start]:
+    return [Start(task, ()) for task in with_third_mass(base)]
+
+
+def _ripple(base: Model) -> list[Start]:
+    body = base.task.drive.bodies[0]
+    names = [f"{body}.ripple_sine", f"{body}.ripple_cosine"]
+    if any(present(base, n) for n in names):
+        return []
+    return [added(base, {names[0]: 0.0, names[1]: 0.0, f"{body}.ripple_order": order}, names)
+            for order in likely_orders(base)]
+
+
+def _imbalance(base: Model) -> list[Start]:
+    body = base.task.drive.bodies[-1]
+    names = [f"{body}.imbalance_sine", f"{body}.imbalance_cosine"]
+    if any(present(base, n) for n in names) or base.task.drive.motion_unit != "rad":
+        return []
+    return [added(base, dict.fromkeys(names, 0.0), names)]
+
+
+def _drift(base: Model) -> list[Start]:
+    body, size, found = base.task.drive.bodies[0], torque_size(base), []
+    names = [f"{body}.drift_viscous"]
+    if any(n.endswith(".coulomb") and present(base, n) for n in base.task.drive.quantities):
+        names.append(f"{body}.drift_coulomb")
+    if any(present(base, n) for n in names):
+        return []
+    for share in WARM:
+        values = {n: (1e-6 * size if n.endswith("coulomb") else 0.0) for n in names}
+        found.append(added(base, {**values, f"{body}.drift_time": share * motion(base)[1]}, names))
+    return found
+
+
+def _load_step(base: Model) -> list[Start]:
+    body = base.task.drive.bodies[-1]
+    if present(base, f"{body}.step_torque") or len(base.problem.traces) > 1:
+        return []
+    return [added(base, {f"{body}.step_torque": 0.0, f"{body}.step_time": time}, (f"{body}.step_torque",))
+            for time in step_times(base)]
+
+
+def _dead_time(base: Model) -> list[Start]:
+    name, step = "converter.dead_time", base.problem.traces[0].step
+    return [] if present(base, name) else [added(base, {name: n * step}, ()) for n in LATE]
+
+
+def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:
+    def starts(base: Model) -> list[Start]:
+        if present(base, name) or (role and role not in base.task.roles.outputs):
+            return []
+        return [added(base, {name: 1.0 / (n * base.problem.traces[0].step)}, ()) for n in LATE]
+    return starts
+
+
+def _offset(base: Model) -> list[Start]:
+    drive = base.task.drive
+    name = "total.idle_torque" if len(drive.bodies) > 1 else f"{drive.bodies[0]}.idle_torque"
+    parts = [f"{b}.idle_torque" for b in drive.bodies]
+    if name in base.task.free or any(p in base.task.free for p in parts):
+        return []
+    return [added(base, {name: drive.value(name) or 0.0}, (name,))]
+
+
+def _no_filter(base: Model) -> str:
+    if "motor_speed" not in base.task.roles.outputs:
+        return "the model is compared with an angle: no speed that could have been filtered"
+    return "it is part of the model already"
+
+
+def _no_shaft(base: Model) -> str:
+    return "it is part of the model already" if base.task.drive.shafts else "the drive has no shaft"
+
+
+def _as_idle_torque(base: Model) -> str:
+    return "an offset of the torque channel acts as an idle torque does, which the base has free"
+
+
+CANDIDATES: tuple[Candidate, ...] = (
+    Candidate("backlash", "backlash", _backlash, absent=_no_shaft),
+    Candidate("coulomb-motor", "coulomb", _coulomb(0)),
+    Candidate("coulomb-load", "coulomb", _coulomb(-1)),
+    Candidate("stribeck-motor", "stribeck", _stribeck(0), nests=("coulomb-motor",)),
+    Candidate("stribeck-load", "stribeck", _stribeck(-1), nests=("coulomb-load",)),
+    Candidate("asymmetric-friction", "asymmetric-friction", _of_bodies("viscous_asymmetry")),
+    Candidate("quadratic-drag", "quadratic-drag", _of_bodies("drag")),
+    Candidate("hardening-stiffness", "hardening-stiffness", _hardening, absent=_no_shaft),
+    Candidate("load-dependent-damping", "load-dependent-damping", _load_damping, absent=_no_shaft),
+    Candidate("third-mass", "shaft", _third_mass, absent=_no_shaft),
+    Candidate("torque-ripple", "torque-ripple", _ripple),
+    Candidate("imbalance", "imbalance", _imbalance),
+    Candidate("dead-time", "dead-time", _dead_time),
+    Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", "")),
+    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed"), absent=_no_filter),
+    Candidate("torque-offset", "idle-torque", _offset, absent=_as_idle_torque),
+    Candidate("load-step", "load-step", _load_step),
+    Candidate("friction-drift", "friction-drift", _drift),
+)
+
+
+def drive_of(model: Model) -> Drive:
+    """The drive at the estimate."""
+    return model.fitted.drive

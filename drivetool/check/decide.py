@@ -1,0 +1,91 @@
+"""From scores to a verdict: found or not, which one, or between which."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.check.candidates import CANDIDATES
+from drivetool.check.heldout import Score, evidence
+
+CLOSE = 2.0  # standard errors within which two causes explain the record equally well
+LEAST = 4.0  # log likelihood that is a tie whatever the scatter says
+SHARE = 0.5  # of the best gain that a tie must have
+LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
+
+# What decides between two causes, in either order.
+DECIDES: Mapping[frozenset[str], str] = {
+    frozenset(pair): text for pair, text in [
+        (("converter-lag", "speed-filter"), "Log a second sensor (motor angle, or the torque-producing current): a "
+         "lag of the torque delays both, a filter on the speed only the speed."),
+        (("converter-lag", "dead-time"), "Excite above a third of the sampling rate (steps, PRBS), or log faster."),
+        (("speed-filter", "dead-time"), "Log the motor angle too; excite above a third of the sampling rate."),
+        (("torque-ripple", "imbalance"), "Log the load angle, or turn the axis so that gravity acts differently."),
+        (("coulomb-motor", "coulomb-load"), "Record many slow reversals, or log the load speed or the "
+         "shaft torque."),
+        (("stribeck-motor", "stribeck-load"), "Record many slow reversals, or log the load speed or the shaft "
+         "torque."),
+        (("backlash", "hardening-stiffness"), "Record torque steps at several preloads: a preload "
+         "closes a gap, hardening goes on raising the resonance."),
+        (("friction-drift", "load-step"), "Repeat the record warm: a drift is gone, a load step is not "
+         "where it was."),
+        (("friction-drift", "quadratic-drag"), "Repeat the record warm and at several speeds."),
+        (("load-step", "quadratic-drag"), "Repeat the record at several speeds."),
+    ]}
+NEEDS = "Record what tells them apart: "
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What one round decided.
+
+    best      the score that counts, None if nothing was found
+    between   codes that explain the record equally well, the best one included; one if it is named
+    evidence  log10
+    """
+
+    best: Score | None
+    between: tuple[str, ...]
+    evidence: float
+
+
+def decide(scores: Sequence[Score], budget: float) -> Decision:
+    """Whether a cause is found, and which.
+
+    budget  share of records without any cause on which one may be found
+    """
+    log_evidence = evidence(scores)
+    strength = float(log_evidence / np.log(10.0)) if np.isfinite(log_evidence) else -300.0
+    if not scores or log_evidence < np.log(1.0 / budget):
+        return Decision(None, (), strength)
+    best = max(scores, key=lambda s: s.gain)
+    if best.gain <= 0.0:
+        return Decision(None, (), strength)
+    close = [s for s in scores if s is best or ties(s, best)]
+    codes = {s.model.code for s in close}
+    nests = {c.code: set(c.nests) for c in CANDIDATES}
+    simple = [s for s in close if not nests[s.model.code] & codes]
+    best = max(simple, key=lambda s: s.gain)
+    return Decision(best, tuple(s.model.code for s in sorted(simple, key=lambda s: -s.gain)), strength)
+
+
+def ties(one: Score, best: Score) -> bool:
+    """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker."""
+    difference = best.gains - one.gains
+    error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
+    return bool(difference.sum() < max(CLOSE * error, LEAST) and one.gain > SHARE * best.gain)
+
+
+def experiment_between(codes: Sequence[str]) -> str:
+    """What to record to decide between causes."""
+    found = [DECIDES[frozenset((a, b))] for i, a in enumerate(codes) for b in codes[i + 1:]
+             if frozenset((a, b)) in DECIDES]
+    if found:
+        return " ".join(dict.fromkeys(found))
+    from drivetool.drive.effects import EFFECTS
+
+    effects = {c.code: c.effect for c in CANDIDATES}
+    needs = {e.code: e.needs for e in EFFECTS}
+    return NEEDS + "; ".join(f"for {code} {needs[effects[code]]}" for code in codes) + "."

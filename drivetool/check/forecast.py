@@ -1,0 +1,76 @@
+"""How well models foretell records they were not fitted to: free runs over held-out blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.check.diagnosis import Gain
+from drivetool.check.folds import blocks_of
+from drivetool.check.heldout import Fold
+from drivetool.check.model import Model
+from drivetool.check.remainder import Remainder
+from drivetool.drive.simulate import Trace
+from drivetool.identify.compose import fit_percent
+from drivetool.identify.engine import free_run
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Free runs over the test blocks: per block measured and simulated (n,) of the first output."""
+
+    measured: tuple[np.ndarray, ...]
+    simulated: tuple[np.ndarray, ...]
+
+    @property
+    def squares(self) -> np.ndarray:
+        """(blocks,) mean squared error."""
+        return np.array([np.nanmean((y - s) ** 2) for y, s in zip(self.measured, self.simulated, strict=True)])
+
+    @property
+    def rmse(self) -> float:
+        """Over all blocks."""
+        e = np.concatenate(self.measured) - np.concatenate(self.simulated)
+        return float(np.sqrt(np.nanmean(e**2)))
+
+    @property
+    def fit(self) -> float:
+        """Percent of the motion explained."""
+        return fit_percent(np.concatenate(self.measured), np.concatenate(self.simulated))
+
+
+def blocks_under_test(fold: Fold, traces: Sequence[Trace]) -> list[Trace]:
+    """The blocks of a fold's test samples, as traces of their own."""
+    return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
+                    origin=traces[i].origin + a * traces[i].step)
+            for i, a, b in blocks_of(traces) if fold.test[i][a:b].mean() > 0.5]
+
+
+def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
+    """Free runs of what was trained in each fold over the blocks it has not seen; only starts are fitted."""
+    measured, simulated = [], []
+    for model, fold in zip(models, folds, strict=True):
+        traces = blocks_under_test(fold, model.problem.traces)
+        if not traces:
+            continue
+        _, _, runs = free_run(model.fitted, traces)
+        measured += [t.outputs[:, 0] for t in traces]
+        simulated += [r[:, 0] for r in runs]
+    return Forecast(tuple(measured), tuple(simulated))
+
+
+def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor: float,
+            unexplained: float) -> Gain:
+    """The gain between two forecasts of the same blocks."""
+    difference = before.squares - after.squares
+    error = np.std(difference, ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else np.nan
+    return Gain(unit, segment, before.rmse, after.rmse, before.fit, after.fit,
+                float(error / max(before.rmse + after.rmse, 1e-300)), floor, unexplained)
+
+
+def unexplained_percent(gain: float, left: Remainder) -> float:
+    """Share of the likelihood to be had that is still to be had, in per cent."""
+    total = max(gain, 0.0) + left.total
+    return float(100.0 * left.total / total) if total > 0.0 else 0.0

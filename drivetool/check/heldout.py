@@ -1,0 +1,148 @@
+"""Causes judged on samples that they were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.check.folds import blocks_of
+from drivetool.check.model import Masks, Model, fit, judge, losses, spread
+from drivetool.check.samples import with_beginnings
+from drivetool.identify.engine import looks_coloured
+from drivetool.identify.noise import Noise, filtered, fit_ratio
+
+COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a cause is worth on data held out.
+
+    gains     (blocks,) log likelihood per block over the base fitted to the same samples
+    evidence  per fold: log likelihood ratio against the best that the base can do on the test samples
+    training  per fold: -log likelihood of the training samples
+    trained   per fold: the model fitted to the training samples
+    """
+
+    model: Model
+    gains: np.ndarray
+    evidence: tuple[float, ...]
+    training: tuple[float, ...]
+    trained: tuple[Model, ...]
+
+    @property
+    def gain(self) -> float:
+        """Sum over the blocks."""
+        return float(self.gains.sum())
+
+    @property
+    def gain_std(self) -> float:
+        """Standard error of the sum, from the scatter of the blocks."""
+        return float(np.sqrt(len(self.gains)) * np.std(self.gains, ddof=1)) if len(self.gains) > 1 else np.inf
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Training and test samples, and what the base makes of them.
+
+    trained  the base fitted to the training samples; best: least -log likelihood of the test
+             samples that the base reaches when it is fitted to them, its noise included
+    """
+
+    train: Masks
+    test: Masks
+    trained: Model
+    best: float
+
+
+def coloured(model: Model, masks: Masks) -> Model:
+    """The model with a torque disturbance that remembers, if that is clearly more likely."""
+    passes = filtered(model.problem, model.point, model.noise, keep=False)
+    if model.noise.memory is not None or not looks_coloured(passes):
+        return model
+    step, trials = model.problem.traces[0].step, []
+    for time in (20.0 * step, 500.0 * step):
+        guess = Noise(model.noise.ratio, float(np.exp(-step / time)), model.noise.scale)
+        trials.append(fit_ratio(model.problem, model.point, guess))
+    noise = min(trials, key=lambda n: judge(model.problem, model.point, n, masks))
+    if judge(model.problem, model.point, noise, masks) > model.value - COLOUR:
+        return model
+    trial = fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=2, renew=False)
+    return trial if trial.value < model.value - COLOUR else model
+
+
+def folds_of(bases: Sequence[Model], samples: Sequence[tuple[Masks, Masks]]) -> list[Fold]:
+    """The folds with what the base makes of them.
+
+    bases    the base under every noise model that is possible for it
+    samples  (training, test) masks per fold
+    """
+    found = []
+    for train, test in samples:
+        trained = min((refit(b, train) for b in bases), key=lambda m: m.value)
+        tested = [refit(b, with_beginnings(test, b.problem.traces), renew=True) for b in bases]
+        best = min(judge(m.problem, m.point, m.noise, test) for m in tested)
+        found.append(Fold(train, test, trained, best))
+    return found
+
+
+def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
+    """The same explanation fitted to some samples only."""
+    return fit(model.code, model.task, model.problem, model.point, model.noise, masks, rounds=3, renew=renew,
+               most=8)
+
+
+def score(model: Model, folds: Sequence[Fold]) -> Score:
+    """Fit a cause to the training samples of every fold and judge it on the test samples."""
+    gains, evidence, training, trained = [], [], [], []
+    for fold in folds:
+        own = refit(model, fold.train)
+        mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
+        tested = [loss[mask].sum() for loss, mask in zip(mine, fold.test, strict=True)]
+        value = float(np.sum(tested))
+        evidence.append(fold.best - value if np.isfinite(value) else -np.inf)
+        training.append(own.value)
+        trained.append(own)
+        for i, a, b in blocks_of(model.problem.traces):
+            mask = fold.test[i][a:b]
+            if mask.any():
+                gains.append(float((theirs[i][a:b] - mine[i][a:b])[mask].sum()))
+    return Score(model, np.nan_to_num(np.array(gains), nan=-1e6, neginf=-1e6), tuple(evidence), tuple(training),
+                 tuple(trained))
+
+
+def predicted(model: Model, fold: Fold) -> list[np.ndarray]:
+    """Per trace (n,) -log likelihood of every sample, noise as the training samples had it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        passes = filtered(model.problem, model.point, model.noise, keep=False)
+        return losses(passes, spread(passes, fold.train))
+
+
+def evidence(scores: Sequence[Score]) -> float:
+    """Natural log of the average over folds of the likelihood ratio of the cause that trained best.
+
+    Choosing by the training samples costs nothing: in expectation the ratio is at most one for
+    every choice, so above 1/a it is wrong in a share a of records at most (Wasserman, Ramdas,
+    Balakrishnan 2020, Universal inference).
+    """
+    if not scores:
+        return -np.inf
+    ratios = []
+    for k in range(len(scores[0].evidence)):
+        best = min(scores, key=lambda s: s.training[k])
+        ratios.append(best.evidence[k])
+    top = max(ratios)
+    return float(top + np.log(np.mean(np.exp(np.array(ratios) - top)))) if np.isfinite(top) else -np.inf
+
+
+def own_evidence(one: Score) -> float:
+    """Natural log of the averaged likelihood ratio of one cause."""
+    return evidence([one])
+
+
+def both(base: Model, masks: Masks) -> list[Model]:
+    """The base under white and, where it helps, under coloured torque noise."""
+    other = coloured(base, masks)
+    return [base] if other is base else [base, other]

@@ -1,0 +1,141 @@
+"""One explanation of the records: a drive, its free parameters and its noise, fitted and judged by samples.
+
+Everything is measured in one currency: the log likelihood of one-step predictions, sample by sample.
+A fit can count some samples only (a mask); the filter still sees all of them, so that training and
+held-out samples interleave in one record without start states in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.simulate import Filtered, Gains
+from drivetool.identify.engine import Task
+from drivetool.identify.least_squares import Solution, solve
+from drivetool.identify.noise import Noise, filtered, fit_ratio, with_state
+from drivetool.identify.problem import Point, Problem
+
+Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
+
+ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
+SETTLED = 0.3  # log likelihood below which another round does not pay
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted explanation.
+
+    code     of the cause it adds to the base, "base" for the base
+    task     the drive with its free parameters; problem: the same over the records
+    point    the estimate, noise its noise model
+    value    -log likelihood over the samples that counted
+    """
+
+    code: str
+    task: Task
+    problem: Problem
+    point: Point
+    noise: Noise
+    value: float
+
+    @property
+    def fitted(self) -> Task:
+        """The task at the estimate."""
+        return self.task.at_point(self.point)
+
+
+def everything(problem: Problem) -> list[np.ndarray]:
+    """The mask that counts every sample."""
+    return [np.ones(t.size, bool) for t in problem.traces]
+
+
+def losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
+    """Per trace (n,): -log likelihood of each sample, up to a constant, 0 where nothing was measured.
+
+    variance  of the first sensor
+    """
+    found = []
+    for f in passes:
+        known = np.isfinite(f.innovations)
+        e = np.where(known, f.innovations, 0.0)
+        each = 0.5 * e**2 / (f.variance * variance) + 0.5 * np.log(f.variance * variance)
+        found.append(np.where(known, each, 0.0).sum(axis=1))
+    return found
+
+
+def spread(passes: Sequence[Filtered], masks: Masks) -> float:
+    """Variance of the first sensor that makes the samples of a mask most likely."""
+    squares, count = 0.0, 0
+    for f, mask in zip(passes, masks, strict=True):
+        e, v = f.innovations[mask], f.variance[mask]
+        known = np.isfinite(e)
+        squares += float(np.sum(e[known] ** 2 / v[known]))
+        count += int(known.sum())
+    return squares / max(count, 1)
+
+
+def total(each: Sequence[np.ndarray], masks: Masks) -> float:
+    """Sum over the samples of a mask; infinite where the filter ran away."""
+    value = float(sum(loss[mask].sum() for loss, mask in zip(each, masks, strict=True)))
+    return value if np.isfinite(value) else np.inf
+
+
+def judge(problem: Problem, point: Point, noise: Noise, masks: Masks) -> float:
+    """-log likelihood of the samples of a mask, the sensor variance fitted to them."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        passes = filtered(problem, point, noise, keep=False)
+        variance = spread(passes, masks)
+        return total(losses(passes, variance), masks) if variance > 0.0 else np.inf
+
+
+def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, masks: Masks, *,
+        rounds: int = ROUNDS, renew: bool = True, hold: np.ndarray | None = None, most: int = 12) -> Model:
+    """Fit to the samples of a mask from a point.
+
+    renew   whether the noise ratio is estimated anew after the first rounds
+    hold    (k,) parameters that do not move in the first round
+    most    steps per round
+    """
+    value = judge(problem, point, noise, masks)
+    for number in range(rounds):
+        solution = _round(problem, point, noise, masks, most, hold if number == 0 else None)
+        trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
+        if renew and number < 3:
+            fresh = fit_ratio(problem, trial, noise, noise.ratio)
+            better = judge(problem, trial, fresh, masks)
+            if better < worth:
+                noise, worth = fresh, better
+        gain, point, value = value - worth, trial, worth
+        if gain < SETTLED and number > 0:
+            break
+    return Model(code, replace(task, drive=task.drive), problem, point, noise, value)
+
+
+def _round(problem: Problem, point: Point, noise: Noise, masks: Masks, most: int,
+           hold: np.ndarray | None) -> Solution:
+    """Levenberg-Marquardt under frozen gains; samples that do not count have no weight."""
+    passes = filtered(problem, point, noise)
+    gains = [Gains(f.gains.gain, f.gains.weight * mask[:, None]) for f, mask in zip(passes, masks, strict=True)]
+    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, relative=1e-6, most=most,
+                     hold=hold)
+    if noise.memory is None:
+        return solution
+    starts = tuple(s[:-1] for s in solution.point.starts)
+    return replace(solution, point=Point(solution.point.values, starts))
+
+
+def _backed_off(problem: Problem, before: Point, after: Point, noise: Noise, masks: Masks,
+                value: float) -> tuple[Point, float]:
+    """The furthest point on the way that is more likely under its own gains, and its value."""
+    share = 1.0
+    while share > 0.02:
+        starts = tuple(a + share * (b - a) for a, b in zip(before.starts, after.starts, strict=True))
+        point = Point(before.values + share * (after.values - before.values), starts)
+        worth = judge(problem, point, noise, masks)
+        if worth <= value:
+            return point, worth
+        share *= 0.35
+    return before, value

@@ -1,0 +1,187 @@
+"""Faults of the record itself, found before any model is blamed: outliers, resolution, channels.
+
+Where a fault can be undone (outliers become missing values, a sign is turned), the rest of the
+diagnosis works on the mended records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.errors import Finding
+from drivetool.logs.experiment import Experiment
+
+WINDOW = 5  # samples of the running median
+SPIKE = 8.0  # robust standard deviations that no noise reaches
+RARE = 0.02  # share of samples beyond which spikes are not outliers any more
+COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
+SCALE = 0.01  # relative error of a channel below which it is not blamed
+SURE = 6.0  # standard errors of a slope
+OUTPUTS = ("motor_speed", "load_speed", "motor_angle", "load_angle", "shaft_torque")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of the record: code of the cause, log10 of the evidence, finding, whether it was mended."""
+
+    code: str
+    evidence: float
+    finding: Finding
+
+
+def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
+              ) -> tuple[tuple[Experiment, ...], list[Fault]]:
+    """(mended experiments, faults); wanted: codes of the causes that may be named."""
+    mended, faults = [], []
+    for e in experiments:
+        if "outliers" in wanted:
+            e, found = _outliers(e)
+            faults += found
+        if "quantisation" in wanted:
+            faults += _quantisation(e)
+        e, found = _channels(e, wanted)
+        faults += found
+        mended.append(e)
+    return tuple(mended), faults
+
+
+def _outliers(e: Experiment) -> tuple[Experiment, list[Fault]]:
+    signals, faults = dict(e.signals), []
+    for role in OUTPUTS:
+        if role not in signals:
+            continue
+        at, size, sigma = spikes(signals[role])
+        if not len(at) or len(at) > RARE * e.size:
+            continue
+        values = signals[role].copy()
+        values[at] = np.nan
+        signals[role] = values
+        faults.append(Fault("outliers", float(0.5 * np.sum((size / sigma) ** 2) / np.log(10.0)), Finding(
+            "warning", "outliers",
+            f"{e.name}: {len(at)} single samples of the {role.replace('_', ' ')} lie far from their neighbours; "
+            "they are left out.",
+            {"count": len(at), "largest": float(size.max()), "first_time": float(at[0] * e.step)},
+            "Check the sensor's cable and connector.")))
+    return replace(e, signals=signals), faults
+
+
+def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(indices, sizes, robust std) of single samples that stand out from a running median.
+
+    What the signal itself does within a window is not a spike: the difference to the median of the
+    neighbours is held against its usual size around there.
+    """
+    from scipy.ndimage import median_filter
+
+    good = np.isfinite(y)
+    if good.sum() < 10 * WINDOW:
+        return np.zeros(0, int), np.zeros(0), 1.0
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(good), y[good])
+    d = np.abs(filled - median_filter(filled, WINDOW, mode="nearest"))
+    sigma = 1.4826 * float(np.median(d))
+    usual = 1.4826 * median_filter(d, 51, mode="nearest")
+    d2 = np.abs(np.diff(filled, 2, prepend=filled[0], append=filled[-1]))
+    smooth = 1.4826 * float(np.median(d2))
+    if max(sigma, smooth) <= 0.0:
+        return np.zeros(0, int), np.zeros(0), 1.0
+    # A spike is one sample against both neighbours: a step of the motion is not.
+    left, right = filled - np.roll(filled, 1), filled - np.roll(filled, -1)
+    lone = (left * right > 0.0) & (np.minimum(np.abs(left), np.abs(right)) > 0.6 * d)
+    limit = SPIKE * np.maximum(np.maximum(usual, sigma), smooth / 2.0)
+    at = np.flatnonzero((d > limit) & lone & good)
+    at = at[(at > 0) & (at < len(y) - 1)]
+    return at, d[at], max(sigma, smooth / 2.0)
+
+
+def _quantisation(e: Experiment) -> list[Fault]:
+    faults = []
+    for role in OUTPUTS:
+        if role not in e.signals:
+            continue
+        y = e.signals[role][np.isfinite(e.signals[role])]
+        step = resolution(y)
+        if step is None:
+            continue
+        share = step**2 / 12.0 / max(_white_variance(y), 1e-300)
+        # Angles are always coarse, and their noise is nothing else: that is no fault but a sensor.
+        if share > COARSE and not role.endswith("angle"):
+            unit = {"speed": f"{e.motion_unit}/s"}.get(role.rpartition("_")[2], e.torque_unit)
+            faults.append(Fault("quantisation", float(len(y)), Finding(
+                "note", "quantisation",
+                f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is most of "
+                "its noise.", {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
+                "Log it with more digits, or log the angle.")))
+    return faults
+
+
+def resolution(y: np.ndarray) -> float | None:
+    """The step of which all values are multiples, None if there is none."""
+    values = np.unique(y)
+    if len(values) < 3 or len(values) > 0.5 * len(y):
+        return None
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * max(np.abs(values).max(), 1e-300)]
+    step = float(gaps.min())
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if np.all(off < 1e-3 * np.maximum(np.round(gaps / step), 1.0)) else None
+
+
+def _white_variance(y: np.ndarray) -> float:
+    """Variance of the white part of a signal, from third differences."""
+    return float(np.mean(np.diff(y, 3) ** 2) / 20.0)
+
+
+def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fault]]:
+    """Speeds against the angles of the same body: sign and scale."""
+    signals, faults = dict(e.signals), []
+    for body in ("motor", "load"):
+        speed, angle = f"{body}_speed", f"{body}_angle"
+        if speed not in signals or angle not in signals:
+            continue
+        factor, error = slope(signals[angle], signals[speed], e.step, e.segments)
+        code = _code(factor, error, wanted)
+        if code is None:
+            continue
+        faults.append(Fault(code, float(0.5 * ((factor - 1.0) / error) ** 2 / np.log(10.0)), Finding(
+            "warning", code,
+            f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle.",
+            {"factor": float(factor), "std": float(error)},
+            "Correct sign, unit or scale of one of the two in the channel map.")))
+        # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right.
+        signals[speed] = signals[speed] / factor
+    return replace(e, signals=signals), faults
+
+
+def _code(factor: float, error: float, wanted: Sequence[str]) -> str | None:
+    if not np.isfinite(factor) or abs(factor - 1.0) < max(SCALE, SURE * error) or factor == 0.0:
+        return None
+    code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
+    return code if code in wanted else None
+
+
+def slope(angle: np.ndarray, speed: np.ndarray, step: float, segments) -> tuple[float, float]:
+    """(slope, its standard error) of the logged speed over the rate of the angle, both averaged alike."""
+    length = max(2, round(0.02 / step))
+    pairs = []
+    for a, b in segments:
+        n = (b - a - 1) // length
+        if n < 5:
+            continue
+        theta = angle[a:a + n * length + 1:length]
+        # Half weight at both ends: the mean of the speed over what the angle went through.
+        total = np.concatenate(([0.0], np.cumsum(0.5 * (speed[a:b - 1] + speed[a + 1:b]))))
+        pairs.append((np.diff(theta) / (length * step), np.diff(total[:n * length + 1:length]) / length))
+    if not pairs:
+        return np.nan, np.inf
+    x, y = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
+    if len(x) < 20 or x @ x <= 0.0:
+        return np.nan, np.inf
+    factor = float(x @ y / (x @ x))
+    error = float(np.sqrt(np.mean((y - factor * x) ** 2) / (x @ x)))
+    return (factor, error) if abs(factor) * np.sqrt(x @ x) > 3.0 * np.linalg.norm(y - factor * x) else (
+        np.nan, np.inf)

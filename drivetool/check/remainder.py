@@ -1,0 +1,91 @@
+"""What a model leaves in its innovations that noise would not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.check.model import Model
+from drivetool.identify.noise import filtered
+
+LAGS = 20
+PIECE = 0.1  # s over which the size of the innovations is compared
+BINS = 16  # of speed, torque and angle
+SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """Log likelihood that is still to be had, at least, by source; zero where noise explains it.
+
+    memory   innovations that repeat from sample to sample
+    size     innovations that are larger in some places than in others
+    place    a mean that depends on speed or torque
+    """
+
+    memory: float
+    size: float
+    place: float
+
+    @property
+    def total(self) -> float:
+        """The largest of them: they overlap."""
+        return max(self.memory, self.size, self.place)
+
+
+def remainder(model: Model) -> Remainder:
+    """The remainder of a model over its records, from the first output."""
+    passes = filtered(model.problem, model.point, model.noise)
+    z, torque, speed, lengths = [], [], [], []
+    for f, t in zip(passes, model.problem.traces, strict=True):
+        e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
+        good = np.isfinite(e)
+        z.append(e[good])
+        torque.append(t.inputs[good, 0])
+        speed.append(f.states[good, 0])
+        lengths.append(round(PIECE / t.step))
+    scale = np.sqrt(np.mean(np.concatenate(z) ** 2))
+    z = [e / max(scale, 1e-300) for e in z]
+    return Remainder(_memory(z), _size(z, max(lengths[0], 10)),
+                     max(_place(z, speed), _place(z, torque)))
+
+
+def _excess(chi: float, degrees: int) -> float:
+    """Half of what a chi-square has above what chance gives it."""
+    return max(0.0, 0.5 * (chi - degrees - SURE * np.sqrt(2.0 * degrees)))
+
+
+def _memory(z: list[np.ndarray]) -> float:
+    products = np.zeros(LAGS + 1)
+    for e in z:
+        products += [e[: len(e) - k] @ e[k:] for k in range(LAGS + 1)]
+    n = sum(len(e) for e in z)
+    return _excess(float(n * np.sum((products[1:] / products[0]) ** 2)), LAGS)
+
+
+def _size(z: list[np.ndarray], length: int) -> float:
+    """Scatter of the mean square over short pieces, against that of Gaussian noise with its own tails."""
+    squares = [np.minimum(e[: len(e) // length * length].reshape(-1, length) ** 2, 25.0) for e in z
+               if len(e) >= length]
+    if not squares:
+        return 0.0
+    squares = np.concatenate(squares)
+    # The spread within pieces is the yardstick: heavy tails alone are no structure.
+    within = float(np.mean(np.var(squares, axis=1, ddof=1))) / length
+    means = squares.mean(axis=1)
+    if within <= 0.0:
+        return 0.0
+    return _excess(float(np.sum((means - means.mean()) ** 2) / within), len(means) - 1)
+
+
+def _place(z: list[np.ndarray], where: list[np.ndarray]) -> float:
+    e, x = np.concatenate(z), np.concatenate(where)
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
+    if len(edges) < 4:
+        return 0.0
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+    count = np.bincount(index, minlength=len(edges) - 1)
+    sums = np.bincount(index, weights=e, minlength=len(edges) - 1)
+    good = count > 10
+    return _excess(float(np.sum(sums[good] ** 2 / count[good])), int(good.sum()))

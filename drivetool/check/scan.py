@@ -1,0 +1,150 @@
+"""Cheap looks at a whole range: half gaps, orders of a ripple, instants of a load step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.check.model import Model
+from drivetool.drive.linearise import state_space
+from drivetool.identify.backlash import valleys
+from drivetool.identify.engine import Task
+from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.problem import Point
+
+GAPS = np.geomspace(0.003, 3.0, 40)  # half gaps over the twist that the torque makes
+KEEP = 3  # places that are worth a fit
+ORDERS = 6000  # most orders looked at
+EARLY = 0.3  # s at both ends of a record where a load step is not looked for
+
+
+def half_gaps(base: Model, name: str, torque: float) -> list[float]:
+    """Half gaps at which the likelihood has its valleys, all else held: one Kalman pass each."""
+    task = base.fitted
+    twist = torque / task.drive.value(name.split(".")[0] + ".stiffness")
+
+    def look(value: float) -> float:
+        trial = replace(task.at({name: value}), free=())
+        return minus_log_likelihood(filtered(trial.problem(), Point(np.empty(0), base.point.starts), base.noise,
+                                             keep=False))
+
+    values = np.array([look(share * twist) for share in GAPS])
+    return [float(GAPS[i] * twist) for i in valleys(values)[:KEEP]]
+
+
+def likely_orders(base: Model) -> list[float]:
+    """Orders of the motor angle at which the innovations repeat.
+
+    A torque sin(n angle) reaches the innovations through the drive and its steady-state filter: its
+    response at the frequency n times the speed gives size and phase from sample to sample, and the
+    score of an order is what that shape explains.
+    """
+    best: dict[float, float] = {}
+    scores, grid = None, None
+    z, angles, speeds = _innovations(base)
+    reach = max(float(np.ptp(a)) for a in angles)
+    top = max(float(np.quantile(np.abs(v), 0.9)) for v in speeds)
+    if (reach < 4.0 * np.pi and base.task.drive.motion_unit == "rad") or top <= 0.0:
+        return []
+    step = base.problem.traces[0].step
+    spacing = np.pi / reach
+    high = 0.25 * 2.0 * np.pi / step / top
+    grid = np.arange(max(spacing, 2.0 * np.pi / reach), high, spacing)[:ORDERS]
+    frequencies = np.concatenate(([0.0], np.geomspace(0.05, 0.5 / step, 300)))
+    response = np.concatenate(([0.0], disturbance_response(base, frequencies[1:])))
+    scores = np.zeros(len(grid))
+    shape = [np.exp(1j * grid[0] * a) for a in angles]
+    turn = [np.exp(1j * spacing * a) for a in angles]
+    for k, order in enumerate(grid):
+        upper, lower = 0.0 + 0.0j, 0.0
+        for e, v, s in zip(z, speeds, shape, strict=True):
+            f = order * v / (2.0 * np.pi)
+            h = np.interp(np.abs(f), frequencies, response)
+            h = np.where(f < 0.0, np.conj(h), h)
+            upper += e @ (s * h)
+            lower += float(np.sum(np.abs(h) ** 2))
+        scores[k] = np.abs(upper) ** 2 / max(lower, 1e-300)
+        for j in range(len(shape)):
+            shape[j] *= turn[j]
+    for i in valleys(-scores)[:KEEP]:
+        best[float(grid[i])] = float(scores[i])
+    return list(best)
+
+
+def _innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Per trace: whitened innovations of the first output, motor angle and motor speed (n,)."""
+    passes = filtered(base.problem, base.point, base.noise)
+    z, angles, speeds = [], [], []
+    for f, t in zip(passes, base.problem.traces, strict=True):
+        e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
+        z.append(np.where(np.isfinite(e), e, 0.0))
+        speed = f.states[:, 0]
+        speeds.append(speed)
+        angles.append(np.concatenate(([0.0], np.cumsum(speed[:-1] * t.step))))
+    return z, angles, speeds
+
+
+def disturbance_response(base: Model, frequencies: np.ndarray) -> np.ndarray:
+    """(n,) complex response of the whitened innovations to a torque on the motor, drive closed and linear."""
+    phi, gamma, c, gain, size = steady_filter(base)
+    step, n = base.problem.traces[0].step, len(phi)
+    z = np.exp(2j * np.pi * frequencies * step)
+    a = phi @ (np.eye(n) - np.outer(gain, c))
+    x = np.linalg.solve(z[:, None, None] * np.eye(n) - a, np.broadcast_to(gamma[:, None], (len(z), n, 1)))
+    return (x[:, :, 0] @ c) / size
+
+
+def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """(Phi, Gamma, C, gain, std of the innovations over the sensor's) of the closed linear drive."""
+    from scipy.linalg import expm, solve_discrete_are
+
+    task: Task = base.fitted
+    a, b, c, _ = state_space(task.drive, ("motor_torque",), task.roles.outputs[:1])
+    n, step = len(a), base.problem.traces[0].step
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n:] = a * step, b * step
+    whole = expm(whole)
+    phi, gamma, c = whole[:n, :n], whole[:n, n], c[0]
+    ratio = max(base.noise.ratio, 1e-6)
+    q = np.outer(gamma, gamma) * ratio**2 + 1e-14 * np.outer(gamma, gamma).trace() * ratio**2 * np.eye(n)
+    p = solve_discrete_are(phi.T, c[:, None], q, np.eye(1))
+    variance = float(c @ p @ c) + 1.0
+    return phi, gamma, c, p @ c / variance, float(np.sqrt(variance))
+
+
+def step_times(base: Model) -> list[float]:
+    """Instants at which a constant torque would explain the innovations from then on."""
+    phi, gamma, c, gain, size = steady_filter(base)
+    z, _, _ = _innovations(base)
+    t, e = base.problem.traces[0], z[0]
+    a = phi @ (np.eye(len(phi)) - np.outer(gain, c))
+    x, shape = np.zeros(len(phi)), np.empty(len(e))
+    for k in range(len(e)):
+        shape[k] = c @ x / size
+        x = a @ x + gamma
+    n = len(e)
+    size_fft = 1 << (2 * n - 1).bit_length()
+    cross = np.fft.irfft(np.fft.rfft(e, size_fft) * np.conj(np.fft.rfft(shape, size_fft)), size_fft)[:n]
+    energy = np.cumsum(shape**2)[::-1]  # of the shape that begins at k and ends with the record
+    margin = max(1, round(EARLY / t.step))
+    # A torque from the start on is an idle torque, which the base has: take its share off.
+    spectrum = np.fft.rfft(shape, size_fft)
+    overlap = np.fft.irfft(np.abs(spectrum) ** 2, size_fft)[:n]
+    rest = np.maximum(energy - overlap**2 / energy[0], 1e-3 * energy[0])
+    scores = (cross - cross[0] * overlap / energy[0]) ** 2 / rest
+    inside = scores[margin:n - margin]
+    if len(inside) < 10:
+        return []
+    return [t.origin + (margin + i) * t.step for i in _apart(inside, margin)[:KEEP]]
+
+
+def _apart(scores: np.ndarray, distance: int) -> list[int]:
+    """Indices of the highest values that lie at least `distance` apart."""
+    found: list[int] = []
+    for i in np.argsort(-scores, kind="stable"):
+        if all(abs(int(i) - j) >= distance for j in found):
+            found.append(int(i))
+        if len(found) == KEEP:
+            break
+    return found

@@ -1,0 +1,184 @@
+"""From the rounds of a search to what a person reads: results per cause, verdict, estimate, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.check.decide import Decision, experiment_between
+from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
+from drivetool.check.exhibits import exhibits_of, view_of
+from drivetool.check.heldout import Score, own_evidence
+from drivetool.check.hypothesis import Tried
+from drivetool.check.model import Model
+from drivetool.check.model_run import run_model
+from drivetool.drive.chain import Drive
+from drivetool.drive.effects import EFFECTS
+from drivetool.errors import DriveToolError, Finding
+from drivetool.identify.compose import compose
+from drivetool.identify.engine import Outcome
+from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.innovations import fit_innovations, settle
+
+if TYPE_CHECKING:
+    from drivetool.check.diagnose import Search
+
+# Standard deviations at the base that an amplitude needs to be found: half of the data must show it
+# with a likelihood ratio of 100 after the base has fitted itself to them.
+VISIBLE = 6.0
+LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
+
+
+def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision,
+               smallest: Mapping[str, Mapping[str, float]]) -> tuple[CandidateResult, ...]:
+    """One line per cause, the best first."""
+    by_code = {s.model.code: s for s in scores}
+    lines = []
+    for t in tried:
+        code, s = t.candidate.code, by_code.get(t.candidate.code)
+        common = (code, LAWS.get(t.candidate.effect, ""))
+        sizes = {n: VISIBLE * v for n, v in smallest.get(code, {}).items() if np.isfinite(v)}
+        if t.model is None:
+            absent = "failed" if "fail" in t.reason or "could not" in t.reason else "in-the-model"
+            absent = "not-shown" if "no " in t.reason or "has no" in t.reason else absent
+            lines.append(CandidateResult(*common, absent, smallest=sizes, reason=t.reason))
+        elif s is None:
+            lines.append(CandidateResult(
+                *common, _unseen(t), smallest=sizes,
+                reason="it does not make the records it is fitted to more likely"))
+        else:
+            lines.append(CandidateResult(
+                *common, _state(s, decision), s.gain, s.gain_std, own_evidence(s) / float(np.log(10.0)), sizes,
+                values_of(s.model)))
+    return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def _unseen(t: Tried) -> State:
+    """Without effect on the fit: either it is not there, or the record says nothing about it."""
+    return "not-shown" if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()) else "no-gain"
+
+
+def _state(s: Score, decision: Decision) -> State:
+    if s.model.code in decision.between:
+        return "named" if len(decision.between) == 1 else "possible"
+    return "worse" if s.gain > 0.0 else "no-gain"
+
+
+def values_of(model: Model) -> tuple[Parameter, ...]:
+    """What the cause adds, with the covariance of its fit."""
+    from drivetool.check.hypothesis import linear_step
+    from drivetool.identify.noise import normal_under
+
+    drive = model.fitted.drive
+    normal = normal_under(model.problem, model.point, model.noise)
+    _, std = linear_step(model.problem, normal, np.ones(len(model.problem.names), bool))
+    found = []
+    for j, name in enumerate(model.problem.names):
+        if name in BASE_NAMES or (name.rpartition(".")[2] in BASE_SUFFIXES and not name.startswith("tip")):
+            continue
+        value, s = float(model.point.values[j]), float(std[j])
+        told = np.isfinite(s)
+        found.append(Parameter(name, value, drive.unit(name), None, s if told else None,
+                               (value - 1.96 * s, value + 1.96 * s) if told else None))
+    return tuple(found)
+
+
+BASE_NAMES = ("total.viscous", "total.idle_torque")
+BASE_SUFFIXES = ("inertia", "viscous", "idle_torque", "stiffness", "damping", "ratio")
+
+
+def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
+    """The diagnosis of a finished search."""
+    faults = {f.code: f.evidence for f in search.faults}
+    causes = (*faults, *[c for c in search.causes if not search.between or c not in search.between])
+    verdict = _verdict(search, causes)
+    gain = search.total_gain()
+    estimate = estimate_of(search, before, options)
+    experiment = _experiment(search, verdict)
+    sentence = _sentence(verdict, causes, search, gain)
+    finding = Finding("note" if verdict == "nothing-found" else "warning", f"diagnosis-{verdict}", sentence,
+                      {"unexplained_percent": gain.unexplained_percent}, experiment)
+    found = (*[f.finding for f in search.faults], finding)
+    estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
+    return Diagnosis(
+        estimate, verdict, causes if verdict != "unexplained" else tuple(faults),
+        search.between if verdict == "undetermined" else (), experiment,
+        {**faults, **search.evidence}, gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+
+
+def _verdict(search: Search, causes: Sequence[str]) -> str:
+    if search.causes and not search.confident:
+        return "unexplained"
+    if search.between:
+        return "undetermined"
+    if causes:
+        return "named"
+    return "unexplained" if search.left.total > UNEXPLAINED else "nothing-found"
+
+
+UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
+
+
+def _experiment(search: Search, verdict: str) -> str:
+    """What would decide, or show more."""
+    if verdict == "undetermined":
+        return experiment_between(search.between)
+    if verdict == "unexplained":
+        return ("Log a second sensor (load speed or shaft torque), repeat the record at other levels, and look at "
+                "the residual over speed, torque and angle in the report.")
+    if verdict == "nothing-found":
+        return "Larger torque, more reversals or a longer record would show smaller effects."
+    return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
+
+
+def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -> str:
+    words = " and ".join(c.replace("-", " ") for c in causes)
+    better = (f"in free runs of {gain.segment:.3g} s over data held out the error falls from "
+              f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
+    if verdict == "named":
+        left = "" if gain.unexplained_percent < 1.0 else (
+            f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
+        return f"The simulation lacks {words}: {better}{left}."
+    if verdict == "undetermined":
+        either = " or ".join(c.replace("-", " ") for c in search.between)
+        first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
+        return f"{first}{either} explain the record equally well; {better}."
+    if verdict == "unexplained":
+        near = f" {search.causes[-1].replace('-', ' ').capitalize()} comes closest, but" if search.causes else ""
+        return (f"Something is missing that no cause in the catalogue explains.{near} "
+                f"{gain.unexplained_percent:.0f} % of what could be explained is left.").replace("but ", "but ")
+    return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
+
+
+def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
+    """The last model as an estimate: settled, with intervals, over the records it was fitted to."""
+    model = search.model
+    task = model.fitted
+    fit = fit_innovations(model.problem, model.point, model.noise, most=3)
+    if fit.value > model.value + 2.0 or not np.isfinite(fit.value):
+        fit = fit_innovations(model.problem, model.point, model.noise, most=1)
+    fit = settle(model.problem, fit)
+    outcome = Outcome(task, model.problem, fit.solution, fit, (), True)
+    start = replace(task.drive, values={**task.drive.values, **before.values})
+    estimate = compose("diagnose", start, outcome)
+    return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
+                                      "seed": options.seed})
+
+
+def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
+    """The pictures; without them where a free run cannot be had."""
+    views = []
+    after = search.model.fitted.drive
+    base = search.first.fitted.drive
+    for e in search.first.task.experiments:
+        try:
+            views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
+        except DriveToolError:
+            continue
+    inertia = sum(before.value(f"{b}.inertia") for b in before.bodies)
+    return exhibits_of(views, inertia, search.rounds, gain.noise_floor) if views else ()
+
+

@@ -1,0 +1,111 @@
+"""drivetool diagnose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.deliver import deliver, draw_recordings
+from drivetool.cli.inputs import Job, drive_for, findings, inputs_stay, open_all
+from drivetool.cli.outcomes import guarded, say
+from drivetool.errors import BadOption, DriveToolError
+
+if TYPE_CHECKING:
+    from drivetool.check.diagnosis import DiagnoseOptions
+
+HELP = ("What the simulation gets wrong, and why. Names the physical cause, writes the extended drive, and "
+        "states the gain on data held out.")
+
+Holdout = Annotated[list[str] | None, typer.Option(
+    "--holdout", metavar="LOG", help="Recording that only judges; repeatable. Without one, parts of the "
+    "recordings judge each other.")]
+Candidates = Annotated[str, typer.Option(
+    "--candidates", metavar="A,B", help="Causes to look for, see drivetool effects. Default: all.")]
+Budget = Annotated[float, typer.Option(
+    "--error-budget", metavar="P", min=1e-6, max=0.5,
+    help="Share of records without a cause on which one may be named, over all rounds.")]
+Rounds = Annotated[int, typer.Option("--rounds", metavar="N", min=1, help="Most causes that are looked for.")]
+Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Where the HTML page goes.")]
+
+
+def command(
+    logs: cli.Logs, params: cli.Base, holdout: Holdout = None, candidates: Candidates = "",
+    error_budget: Budget = 0.01, rounds: Rounds = 3, seed: cli.Seed = 1, map: cli.Map = None,
+    out: cli.Out = None, report: Report = None, json: cli.Json = False, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    held = tuple(holdout or ())
+    job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet)
+
+    def work() -> int:
+        from drivetool.check.diagnosis import DiagnoseOptions
+
+        codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
+        if candidates and not codes:
+            raise BadOption("at least one cause after --candidates", f"'{candidates}'",
+                            "Name causes, with commas between; drivetool effects lists them.")
+        return run(job, len(held), DiagnoseOptions(codes, error_budget, rounds, seed), report)
+
+    guarded("diagnose", work, debug)
+
+
+def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> int:
+    """Open, diagnose, deliver; the exit code.
+
+    held  how many of the job's recordings only judge; the last ones
+    """
+    from drivetool.check.causes import chosen_causes
+    from drivetool.check.diagnose import diagnose
+    from drivetool.files.diagnosis_file import diagnosis_file, sections_before
+    from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
+    from drivetool.files.report_page import diagnosis_page
+    from drivetool.files.write import write_whole
+
+    _check_report(job, report)
+    opened = open_all(job)
+    split = len(opened.experiments) - held
+    training, holdout = opened.experiments[:split], opened.experiments[split:]
+    check_holdout(training, holdout)
+    drive, loaded = drive_for(job, opened), opened.loaded
+    check_base(loaded, drive)
+    options = replace(options, candidates=chosen_causes(options.candidates, drive))
+    sections = loaded.sections(drive)
+    try:
+        found = diagnose(training, drive, noise=loaded.noise, sections=sections, options=options, holdout=holdout)
+    except DriveToolError:
+        draw_recordings(job, training)
+        raise
+    said = (*base_findings(loaded, training, holdout), verdict_finding(found), *found.estimate.findings)
+    used = asdict(options) | dict(found.estimate.options) | {
+        "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
+    found = replace(found, estimate=replace(found.estimate, findings=findings(opened, said), options=used))
+    file = diagnosis_file(found, opened.inputs)
+    if report is not None:
+        write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
+        _told(job, f"wrote {report}")
+    return deliver(job, file, found.exhibits)
+
+
+def _check_report(job: Job, report: str | None) -> None:
+    """The page could be written, and over no other file of this run."""
+    import os
+
+    from drivetool.files.write import check_target
+
+    if report is None:
+        return
+    if job.out not in (None, "-") and os.path.abspath(report) == os.path.abspath(job.out):
+        raise BadOption("two files for --out and --report", f"{report} for both", "Give one another name.")
+    check_target(report)
+    inputs_stay(replace(job, out=report))
+
+
+def _told(job: Job, *lines: Sequence[str]) -> None:
+    """Lines on standard error unless it should be quiet."""
+    for line in lines if not job.quiet else ():
+        say(job.step, line)

@@ -1,0 +1,86 @@
+"""drivetool simulate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.inputs import Job, drive_for, open_all
+from drivetool.cli.outcomes import exit_code, guarded, say
+from drivetool.errors import BadOption
+
+if TYPE_CHECKING:
+    from drivetool.check.model_run import ModelRun
+    from drivetool.identify.estimate import Exhibit
+    from drivetool.logs.experiment import Experiment
+
+HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
+        "as a Parquet table.")
+
+Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
+Table = Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where the Parquet table goes.")]
+Segment = Annotated[float, typer.Option(
+    "--segment", metavar="S", min=0.0,
+    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
+
+
+def command(
+    log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, drive: cli.DriveName = None,
+    set: cli.Set = None, segment: Segment = 0.0, plot: cli.Plot = None, strict: cli.Strict = False,
+    debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet)
+    guarded("simulate", lambda: run(job, segment), debug)
+
+
+def run(job: Job, segment: float) -> int:
+    """Open, simulate, write; the exit code."""
+    from drivetool.check.model_run import run_model
+    from drivetool.cli.deliver import draw
+    from drivetool.files.run_file import run_table
+    from drivetool.files.write import write_whole
+
+    if not job.out.lower().endswith(".parquet"):
+        raise BadOption("a file name that ends in .parquet after --out", f"'{job.out}'",
+                        "The table is binary; write for example '--out sim.parquet'.")
+    opened = open_all(job)
+    experiment, = opened.experiments
+    found = run_model(experiment, drive_for(job, opened), segment)
+    models = ", ".join(name for name, _ in opened.inputs)
+    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
+    write_whole(job.out, run_table(found, about))
+    pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
+    if not job.quiet:
+        for finding in experiment.findings:
+            say("simulate", f"{finding.severity} {finding.code}: {finding.text} {finding.action}".rstrip())
+        for role in found.measured:
+            say("simulate", _told(found, role))
+        say("simulate", f"wrote {job.out}")
+        if pictures:
+            say("simulate", f"drew {', '.join(pictures)} in {job.plot}")
+    return exit_code((finding.severity for finding in experiment.findings), True, job.strict)
+
+
+def _told(found: ModelRun, role: str) -> str:
+    """How well one sensor is simulated, in a line."""
+    import numpy as np
+
+    from drivetool.identify.compose import fit_percent
+
+    y, s = found.measured[role], found.simulated[role]
+    rmse = float(np.sqrt(np.nanmean((y - s) ** 2)))
+    return f"{role}: fit {fit_percent(y, s):.4g} %, rmse {rmse:.3g} {found.unit(role)}"
+
+
+def _exhibit(experiment: Experiment, found: ModelRun, role: str) -> Exhibit:
+    """Measured and simulated of one sensor."""
+    from drivetool.identify.estimate import Exhibit
+
+    y, s, label = found.measured[role], found.simulated[role], role.replace("_", " ")
+    return Exhibit("record", f"{experiment.name}: measured and simulated", "time [s]",
+                   f"{label} [{found.unit(role)}]", {
+                       "measured": (found.time, y), "simulated": (found.time, s), "residual": (found.time, y - s),
+                       f"torque [{found.torque_unit}]": (found.time, found.inputs["motor_torque"])})

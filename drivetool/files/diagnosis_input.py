@@ -1,0 +1,73 @@
+"""What a diagnosis can start from, and what its outcome is as a finding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from drivetool.check.diagnosis import Diagnosis
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, BadParameters, Finding
+from drivetool.files.parameter_file import Loaded
+from drivetool.logs.experiment import Experiment
+
+FITTED = ("fitted", "at-bound", "not-identifiable")
+
+
+def check_base(loaded: Loaded, drive: Drive) -> None:
+    """Refuse a drive that was never fitted: every candidate would look like a discovery.
+
+    loaded  the parameter files; drive: with their values
+    raises  BadParameters: a value is missing, or no parameter was ever fitted
+    """
+    drive.require(drive.missing(), "a diagnosis")
+    sections = loaded.sections(drive)
+    if not any(entry.status in FITTED for entry in sections.values()):
+        names = ", ".join(name for name, _ in loaded.inputs)
+        raise BadParameters(
+            "a base that was fitted", f"only values that were held in {names or 'no file'}",
+            "Run greybox on these recordings first, and give its file after --params: whatever a wrong value "
+            "leaves over would be taken for a cause.")
+
+
+def check_holdout(training: Sequence[Experiment], holdout: Sequence[Experiment]) -> None:
+    """Refuse to judge by what was fitted to.
+
+    raises  BadOption: a held-out recording is one of the others, whatever its name
+    """
+    names = {e.sha256: e.name for e in training}
+    for each in holdout:
+        if each.sha256 in names:
+            same = "itself" if each.name == names[each.sha256] else f"the same recording as {names[each.sha256]}"
+            raise BadOption(
+                "a recording after --holdout that is not one of the others", f"{each.name}, {same}",
+                "Give another recording, or leave --holdout out: parts of the record then judge each other.")
+
+
+def base_findings(loaded: Loaded, training: Sequence[Experiment],
+                  holdout: Sequence[Experiment]) -> tuple[Finding, ...]:
+    """Whether the base was fitted to these recordings, and not to those that judge."""
+    seen = {entry.sha256 for source in loaded.sources for entry in source.file.data}
+    found = []
+    other = [e.name for e in training if e.sha256 not in seen]
+    if other:
+        known = "to other recordings" if seen else "to recordings it does not name"
+        found.append(Finding(
+            "warning", "base-fitted-to-other-data",
+            f"The base was fitted {known}, not to {', '.join(other)}: a difference between the recordings, "
+            "say in temperature or load, may be taken for a cause.", {"recordings": len(other)},
+            "Fit the base to these recordings, with greybox."))
+    judged = [e.name for e in holdout if e.sha256 in seen]
+    if judged:
+        found.append(Finding(
+            "warning", "held-out-record-was-fitted",
+            f"The base was fitted to {', '.join(judged)}, which should only judge: the gain stated is too small.",
+            {"recordings": len(judged)}, "Give a recording that no fit has seen."))
+    return tuple(found)
+
+
+def verdict_finding(diagnosis: Diagnosis) -> Finding:
+    """The verdict for scripts; a warning where there is something to be decided yet."""
+    open_end = diagnosis.verdict in ("undetermined", "unexplained")
+    evidence = {f"log10_evidence.{code}": float(value) for code, value in diagnosis.evidence.items()}
+    return Finding("warning" if open_end else "note", f"diagnosis-{diagnosis.verdict}", diagnosis.sentence,
+                   evidence, diagnosis.experiment)

@@ -1,0 +1,68 @@
+"""A diagnosis made by hand, for tests of everything around the statistics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.check.diagnosis import CandidateResult, Diagnosis, Gain, Round
+from drivetool.check.exhibits import View, exhibits_of
+from drivetool.drive.chain import two_mass
+from drivetool.identify.estimate import Covariance, Estimate, Parameter
+
+STEP = 1e-3
+BASE = two_mass().with_values({
+    "motor.inertia": 0.587, "load.inertia": 5.179, "shaft.stiffness": 3200.0, "shaft.damping": 5.0,
+    "total.viscous": 0.002})
+DRIVE = BASE.with_values({"shaft.stiffness": 3310.0, "shaft.damping": 3.1, "shaft.half_gap": 0.00322})
+LINES = (
+    Parameter("motor.inertia", 0.587, "kg m^2", 0.587, 0.001, (0.585, 0.589)),
+    Parameter("shaft.stiffness", 3310.0, "Nm/rad", 3200.0, 12.0, (3286.0, 3334.0)),
+    Parameter("shaft.half_gap", 0.00322, "rad", 0.0, 0.00002, (0.00318, 0.00326)))
+CANDIDATES = (
+    CandidateResult("backlash", "Ts = ks dead(z, a)", "named", 1234.0, 41.0, 530.2, {"shaft.half_gap": 1e-4},
+                    LINES),
+    CandidateResult("hardening-stiffness", "Ts = ks twist (1 + h (|twist|/r)^n)", "worse", 610.0, 55.0, 260.0,
+                    {"shaft.hardening": 0.02}, (Parameter("shaft.hardening", 0.3, "", 0.0, 0.01),)),
+    CandidateResult("dead-time", "T(t) = u(t - td)", "no-gain", -3.0, 2.0, -1.5, {"converter.dead_time": 4e-5}),
+    CandidateResult("coulomb-motor", "T = Tc sgn(w)", "in-the-model", reason="the base has it already"),
+    CandidateResult("imbalance", "T = a sin(angle) + b cos(angle)", "not-shown",
+                    reason="the load does not turn often enough <here> & now"),
+    CandidateResult("third-mass", "", "failed", reason="the fit did not settle"))
+GAIN = Gain("rad/s", 2.0, 0.221, 0.0211, 93.4, 99.4, 0.004, 0.02, 1.2)
+
+
+def views(size: int = 6000, second: bool = True) -> list[View]:
+    """Two records of a drive that goes to and fro; the base lacks dry friction of 2 Nm, known in closed form."""
+    rng, made = np.random.default_rng(5), []
+    for k in range(2 if second else 1):
+        t = np.arange(size) * STEP
+        speed = 8.0 * np.sin(2.0 * np.pi * (0.5 + 0.2 * k) * t)
+        torque = 5.766 * np.gradient(speed, STEP)
+        truth = speed + rng.normal(0.0, 0.02, size)
+        breaks = tuple(range(0, size, 2000))
+        lacking = np.concatenate([np.cumsum(-2.0 / 5.766 * np.sign(speed[a:a + 2000])) * STEP for a in breaks])
+        made.append(View(f"record{k + 1}.parquet", t, truth, speed - lacking, speed, torque, speed,
+                         np.cumsum(speed) * STEP, torque * 0.9, breaks, "motor_speed", ("rad/s", "Nm", "rad")))
+    return made
+
+
+def diagnosis(**changes) -> Diagnosis:
+    """Backlash found in one round, and nothing more in the next."""
+    rounds = (Round("backlash", CANDIDATES, GAIN),
+              Round(None, tuple(replace(c, state="no-gain", gain=0.5, gain_std=1.5, evidence=-0.4)
+                                for c in CANDIDATES[1:3])))
+    estimate = Estimate(
+        "diagnose", DRIVE, LINES, "settled", {"simulation_fit_percent": 99.4, "rmse": 0.0211, "n": 12000},
+        Covariance(("motor.inertia", "shaft.stiffness", "shaft.half_gap"), np.diag([1e-6, 144.0, 4e-10])),
+        {"sensor_std.motor_speed": 0.02, "torque_std": 0.3}, data=(("record1.parquet", "ab" * 32),))
+    made = Diagnosis(
+        estimate, "named", ("backlash",), (), "", {"backlash": 530.2}, GAIN, rounds,
+        "The simulation errs because of backlash in the shaft.")
+    return replace(made, **changes)
+
+
+def with_pictures(made: Diagnosis) -> Diagnosis:
+    """The same with pictures of one record."""
+    return replace(made, exhibits=exhibits_of(views(second=False), 5.766, made.rounds, 0.02))
