@@ -8,6 +8,7 @@ from dataclasses import dataclass
 _SPELLING = {
     ("{T} s^2/{q}", "Nm", "rad"): "kg m^2",
     ("{T} s^2/{q}", "N", "m"): "kg",
+    ("{T} s^2/{q}/m^2", "Nm", "rad"): "kg",
     ("{T}/{q}", "Nm", "rad"): "Nm/rad",
 }
 

@@ -15,6 +15,16 @@ import numpy as np
 from tests.simulator import experiments
 from tests.simulator.controllers import PositionPD, SpeedPI
 from tests.simulator.machine import Machine, State, running
+from tests.simulator.papers import (
+    BUS_STEP,
+    ROBOT,
+    ROBOT_GAP,
+    ROBOT_STEP,
+    bus_acceleration,
+    bus_held,
+    bus_run,
+    robot_record,
+)
 from tests.simulator.records import Channels, white_noise, write_mcap, write_parquet
 from tests.simulator.simulate import Sensor, Trajectory, simulate
 
@@ -123,6 +133,23 @@ RECORDS = {
 }
 
 
+# Records of the literature, as Parquet only: (channels, sample interval).
+PAPERS = {
+    "robot": {
+        f"{name}_{kind}": (lambda m=machine, k=wave, s=size, n=seed: (robot_record(m, k, s, n), ROBOT_STEP))
+        for kind, machine, shift in (("gap", ROBOT_GAP, 0), ("linear", ROBOT, 10))
+        for name, wave, size, seed in (
+            ("chirp", "chirp", 15.5, 401 + shift), ("low", "multisine", 7.7, 402 + shift),
+            ("high", "multisine", 16.5, 403 + shift))},
+    "bus": {
+        **{f"{kind}{i}": (lambda k=kind, n=seed: (bus_run(k, n), BUS_STEP))
+           for kind, seeds in (("prbs", (501, 502)), ("chirp", (503, 504)), ("sines", (505, 506)))
+           for i, seed in enumerate(seeds, 1)},
+        "held": lambda: (bus_held(507), BUS_STEP),
+        "acceleration": lambda: (bus_acceleration(508), BUS_STEP)},
+}
+
+
 def channels(room: str, run: Trajectory) -> Channels:
     """What the logger wrote: the command, and the sensor."""
     if room == "axis":
@@ -168,6 +195,12 @@ def make(folder: Path) -> None:
             write_parquet(folder / room / f"{name}.parquet", values, STEP)
             write_mcap(folder / room / f"{name}.mcap", values, STEP)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * STEP:g} s", file=sys.stderr)
+    for room, records in PAPERS.items():
+        (folder / room).mkdir(parents=True, exist_ok=True)
+        for name, record in records.items():
+            values, step = record()
+            write_parquet(folder / room / f"{name}.parquet", values, step)
+            print(f"{room}/{name}: {len(values['motor_torque'][0]) * step:g} s", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ def base(law="inside", **more):
 
 # Effects with a smooth law, by themselves, on top of the base: (owner, values).
 SMOOTH = {
+    "carried-mass": {"load.carried_mass": 8.0, "load.radius": 0.4},
     "stribeck": {"load.stribeck": 3.0, "load.stribeck_speed": 0.2},
     "asymmetric-friction": {"load.viscous_asymmetry": 0.2},
     "quadratic-drag": {"load.drag": 0.5},

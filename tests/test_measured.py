@@ -11,6 +11,7 @@ import pytest
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from drivetool.identify.spectra import SpectraOptions, spectra
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import ChannelMap
 
@@ -48,3 +49,28 @@ def test_emps_simulates_its_position_within_the_published_kind_of_error():
     # One free run over the whole record, start position and speed estimated.
     assert estimate.fit["rmse"] <= 2.7e-3
     assert estimate.drive.values["motor.inertia"] == pytest.approx(95.1, rel=0.05)
+
+
+def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain():
+    """Twenty periods of a multisine; both fits over the same four seconds, before the bench has warmed up."""
+    bench = opened("motorbench-a.parquet",
+                   motor_torque={"channel": "iq", "unit": "A"},
+                   motor_angle={"channel": "theta_m", "unit": "rad"})
+    seen = spectra([bench], SpectraOptions())
+    assert seen.mean.method == "periodic" and seen.settings["period"] == pytest.approx(1.0)
+    np.testing.assert_allclose(seen.mean.frequency, np.arange(11.0, 251.0))  # the lines its owners excited
+    peaks = {p["kind"]: p["hz"] for p in seen.peaks}
+    assert peaks["resonance"] == pytest.approx(76.3, abs=1.0) and peaks["anti-resonance"] == pytest.approx(54,
+        abs=1.0)
+    start = two_mass("A", "rad").with_values({
+        "motor.inertia": 2e-3, "load.inertia": 2e-3, "shaft.stiffness": 2e-3 * (2 * np.pi * 50.0) ** 2,
+        "shaft.damping": 0.05})
+    head = [bench.between(0.0, 4.0)]
+    found = [{p.name: p for p in greybox(head, start, Options(criterion=c)).parameters}
+             for c in ("frequency", "innovations")]
+    for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
+        a, b = (lines[name] for lines in found)
+        assert abs(a.value - b.value) < 3.0 * np.hypot(a.std, b.std), name
+    jm, jl, ks = (found[0][n].value for n in ("motor.inertia", "load.inertia", "shaft.stiffness"))
+    assert np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi == pytest.approx(76.3, abs=0.5)
+    assert np.sqrt(ks / jl) / 2 / np.pi == pytest.approx(54.0, abs=0.5)

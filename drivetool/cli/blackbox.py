@@ -1,9 +1,10 @@
 """drivetool blackbox."""
 
+from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
 HELP = ("Start values from a gap-free record. A third-order model, converted to inertias, "
-        "stiffness and damping.")
+        "stiffness and damping; or a polynomial structure of any order.")
 
 
 def _load():
@@ -12,4 +13,7 @@ def _load():
     return blackbox
 
 
-command = estimator_command("blackbox", _load)
+command = estimator_command("blackbox", _load, {
+    "structure": (cli.Structure, None), "order": (cli.Order, None), "noise_order": (cli.NoiseOrder, None),
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
+    "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

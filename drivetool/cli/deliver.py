@@ -56,6 +56,11 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
     elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
         return
+    if file.step in ("spectra", "compare"):
+        from drivetool.files import analysis_tables
+
+        analysis_tables.print_analysis(file, console)
+        return
     if file.diagnosis is not None:
         from drivetool.files.diagnosis_table import print_diagnosis
 

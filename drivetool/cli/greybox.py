@@ -1,5 +1,6 @@
 """drivetool greybox."""
 
+from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
 HELP = ("The physical parameters, polished. By the innovations fit (default) or by "
@@ -12,4 +13,6 @@ def _load():
     return greybox
 
 
-command = estimator_command("greybox", _load)
+command = estimator_command("greybox", _load, {
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
+    "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

@@ -12,6 +12,7 @@ from drivetool import __version__
 from drivetool.cli import (
     backlash,
     blackbox,
+    compare,
     convert,
     diagnose,
     effects,
@@ -19,13 +20,15 @@ from drivetool.cli import (
     inspect,
     show,
     simulate,
+    spectra,
     steady,
     validate,
 )
 
 # In the order in which they are used.
-COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "blackbox": blackbox, "greybox": greybox,
-            "backlash": backlash, "validate": validate, "diagnose": diagnose, "simulate": simulate,
+COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
+            "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
+            "diagnose": diagnose, "simulate": simulate,
             "effects": effects, "show": show}
 
 app = typer.Typer(

@@ -15,6 +15,31 @@ class CriterionName(StrEnum):
     simulation = "simulation"
 
 
+class FitCriterionName(StrEnum):
+    """What a fit minimises, in time or in frequency."""
+
+    innovations = "innovations"
+    simulation = "simulation"
+    frequency = "frequency"
+
+
+class WeightingName(StrEnum):
+    """How a fit in the frequency domain weighs its lines."""
+
+    variance = "variance"
+    coherence = "coherence"
+
+
+class StructureName(StrEnum):
+    """Polynomial structures of the black box."""
+
+    oe = "oe"
+    bj = "bj"
+    arx = "arx"
+    armax = "armax"
+    innovations = "innovations"
+
+
 def _option(*names: str, help: str, **more):
     """A typer option with its help in one line."""
     return typer.Option(*names, help=help, **more)
@@ -35,7 +60,7 @@ Condition = Annotated[list[str] | None, _option(
     "'lowpass cutoff=50', detrend, 'decimate factor=5', differentiate; repeatable.")]
 DriveName = Annotated[str | None, _option(
     "--drive", metavar="NAME|FILE",
-    help="one-body, two-mass, three-mass, or a YAML file with a drive section. "
+    help="one-body, two-mass, three-mass, vehicle, or a YAML file with a drive section. "
          "Default: as in the parameter file, else two-mass.")]
 Hold = Annotated[list[str] | None, _option(
     "--hold", metavar="NAME", help="Keep this parameter at its value; repeatable.")]
@@ -66,3 +91,17 @@ MinFit = Annotated[float | None, _option(
 MaxCorrelation = Annotated[float, _option(
     "--max-correlation", metavar="R", min=0.0, max=1.0,
     help="Largest cross-correlation of residual and input; missed: exit code 3.")]
+Structure = Annotated[StructureName | None, _option(
+    "--structure", help="A polynomial model in discrete time instead of the third-order one in continuous time.")]
+Order = Annotated[int | None, _option(
+    "--order", metavar="N", min=1, help="Order of its dynamics, 2 n - 1 for n bodies. Default: by held-out score.")]
+NoiseOrder = Annotated[int | None, _option(
+    "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
+FitCriterion = Annotated[FitCriterionName, _option(
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
+    "distance from the measured frequency response.")]
+Weighting = Annotated[WeightingName, _option(
+    "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
+    "over frequency, of logarithms.")]
+Band = Annotated[tuple[float, float] | None, _option(
+    "--band", metavar="LOW HIGH", help="Hz; lines outside are left out.")]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
@@ -19,11 +21,16 @@ if TYPE_CHECKING:
     Estimator = Callable[..., Estimate]
 
 
-def estimator_command(step: str, load: Callable[[], Estimator]) -> Callable[..., None]:
+OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band")
+
+
+def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),
+                      ) -> Callable[..., None]:
     """A typer command around an estimator.
 
     step  name of the command
     load  imports the estimator and returns it; called only when the command runs
+    own   options that only this command has, or has in its own way: field of Options -> (annotation, default)
     """
     def command(
         logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
@@ -32,7 +39,7 @@ def estimator_command(step: str, load: Callable[[], Estimator]) -> Callable[...,
         criterion: cli.Criterion = cli.CriterionName.innovations, segment: cli.Segment = None,
         starts: cli.Starts = None, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
         plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
-        quiet: cli.Quiet = False,
+        quiet: cli.Quiet = False, **more: object,
     ) -> None:
         job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
                   condition or ())
@@ -41,16 +48,31 @@ def estimator_command(step: str, load: Callable[[], Estimator]) -> Callable[...,
             from drivetool.identify.options import Options
 
             return run(job, load(), Options(
-                tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed))
+                tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed,
+                **{name: getattr(value, "value", value) for name, value in more.items()}))
 
         guarded(step, work, debug)
 
+    return _with_options(command, own)
+
+
+def _with_options(command: Callable[..., None], own: Mapping[str, tuple]) -> Callable[..., None]:
+    """The command with the signature that typer is to see: **more spelled out."""
+    signature = inspect.signature(command, eval_str=True)
+    shown = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
+    for name, (annotation, default) in own.items():
+        shown[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default,
+            annotation=annotation)
+    every = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in shown.values()]
+    command.__signature__ = signature.replace(parameters=every)
+    command.__annotations__ = {name: p.annotation for name, p in shown.items()}
     return command
 
 
 def run(job: Job, estimator: Estimator, options: Options) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.result_file import estimate_file
+    from drivetool.identify.options import Options
 
     opened = open_all(job)
     drive = drive_for(job, opened)
@@ -64,7 +86,9 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         draw_recordings(job, opened.experiments)
         raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
-    used.pop("known")
+    plain = asdict(Options())  # of what only one step has, the file says what was asked for
+    used = {name: value for name, value in used.items()
+            if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
     if job.condition:
         used["condition"] = list(job.condition)
     estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))

@@ -162,6 +162,10 @@ class Assembly:
         """The mass that a body's torques accelerate."""
         self.masses.append(value)
 
+    def carry(self, body: int, more: Dual) -> None:
+        """Add to the mass that a body's torques accelerate."""
+        self.masses[body] = self.masses[body] + more
+
     def friction(self, body: int, level: Dual) -> None:
         """Set-valued friction of a level on a body; levels add up."""
         self.frictions[body] = self.frictions[body] + level if body in self.frictions else level

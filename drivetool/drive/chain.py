@@ -126,4 +126,9 @@ def three_mass(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
                  torque_unit, motion_unit)
 
 
-KNOWN_DRIVES = {"one-body": one_body, "two-mass": two_mass, "three-mass": three_mass}
+def vehicle(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+    """Motor, drive shaft behind a gear (shaft.ratio), wheels that carry wheels.carried_mass at wheels.radius."""
+    return Drive("vehicle", ("motor", "wheels"), ("shaft",), {}, torque_unit, motion_unit)
+
+
+KNOWN_DRIVES = {"one-body": one_body, "two-mass": two_mass, "three-mass": three_mass, "vehicle": vehicle}

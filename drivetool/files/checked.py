@@ -54,6 +54,12 @@ def validation_file(raw: dict[Any, Any], name: str) -> shapes.ValidationFile:
     return _convert(raw, shapes.ValidationFile, name, "")
 
 
+def analysis_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
+    """A typed spectra or comparison file; BadParameters as above."""
+    _known_keys(raw, shape, name, "")
+    return _convert(raw, shape, name, "")
+
+
 def _schema(raw: dict[Any, Any], name: str) -> None:
     """The first key says what kind of file this is and how old."""
     wanted, found = shapes.PARAMETERS_SCHEMA, raw.get("schema")

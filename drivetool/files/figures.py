@@ -152,6 +152,36 @@ def _bode(exhibit: Exhibit) -> Figure:
     return drawn
 
 
+def _response(exhibit: Exhibit) -> Figure:
+    """Magnitude with its band, phase, and coherence where there is one, over a logarithmic frequency."""
+    curves = dict(exhibit.curves)
+    below = [(word, {k: curves.pop(k) for k in list(curves) if k.startswith(word)}) for word in ("phase",
+        "coherence")]
+    below = [(word, group) for word, group in below if group]
+    drawn, axes = _stack(1 + len(below), [3.0] + [1.3] * len(below))
+    top = axes[0]
+    top.set_title(exhibit.title)
+    top.set_ylabel(exhibit.y)
+    low, high = curves.pop("band low", None), curves.pop("band high", None)
+    if low is not None and high is not None:
+        top.fill_between(low[0], low[1], high[1], color=BLUE, alpha=0.25, linewidth=0, label="95 %")
+    for label, (x, y) in curves.items():
+        lines = label.startswith("measured")
+        look = _look("model" if label == "magnitude" else label)
+        top.plot(x, y, label=label, **(look | {"linestyle": "", "marker": ".", "markersize": 3} if lines else look))
+    top.set_xscale("log")
+    top.set_yscale("log")
+    for axis, (word, group) in zip(axes[1:], below, strict=True):
+        for label, (x, y) in group.items():
+            axis.plot(x, y, ".", markersize=2.5, color=INK if "model" not in label else BLUE, label=label)
+        axis.set_ylabel("phase [deg]" if word == "phase" else word)
+        if word == "coherence":
+            axis.set_ylim(-0.02, 1.02)
+    axes[-1].set_xlabel(exhibit.x)
+    _legend(top)
+    return drawn
+
+
 def _lines(exhibit: Exhibit) -> Figure:
     """Every curve as a line."""
     drawn, axis = _one(exhibit)
@@ -162,7 +192,7 @@ def _lines(exhibit: Exhibit) -> Figure:
 
 
 _KINDS = {"record": _record, "recording": _recording, "steady": _steady, "correlation": _correlation,
-          "profile": _profile, "starts": _starts, "bode": _bode, "channels": panels}
+          "profile": _profile, "starts": _starts, "bode": _bode, "channels": panels, "response": _response}
 
 
 def _stack(n: int, heights: list[float]) -> tuple[Figure, list[Axes]]:

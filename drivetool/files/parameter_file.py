@@ -14,11 +14,12 @@ import msgspec
 
 from drivetool.drive.chain import KNOWN_DRIVES, TOTALS, Drive, two_mass
 from drivetool.errors import BadParameters
-from drivetool.files import checked, shapes, units
+from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.text import from_yaml
 from drivetool.identify.estimate import Covariance
 
-Result = shapes.ParameterFile | shapes.ValidationFile
+Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
+          | analysis_shapes.ComparisonFile)
 
 
 @dataclass(frozen=True)
@@ -137,11 +138,13 @@ def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) 
 
 
 def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
-    """A parameter or validation file to show: bare numbers with their unit, names checked."""
+    """A file of any step to show: bare numbers with their unit, names checked."""
     name, data = read_bytes(path, stdin)
     raw = from_yaml(data, name)
     if raw.get("schema") == shapes.VALIDATION_SCHEMA:
         return checked.validation_file(raw, name)
+    if raw.get("schema") in analysis_shapes.KINDS:
+        return checked.analysis_file(raw, analysis_shapes.KINDS[raw["schema"]], name)
     loaded = Loaded((_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from drivetool.files import shapes
+from drivetool.files import analysis_shapes, shapes
 from drivetool.files.write import write_whole
 
 TITLES = {
@@ -16,6 +16,8 @@ TITLES = {
     "validation": "drivetool validation file",
     "channel-map": "drivetool channel map",
     "inspection": "drivetool inspection of a log",
+    "spectra": "drivetool spectra file",
+    "comparison": "drivetool comparison file",
 }
 
 
@@ -25,7 +27,8 @@ def schemas() -> dict[str, str]:
     from drivetool.logs.channel_map import ChannelMapFile
 
     types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
-             "channel-map": ChannelMapFile, "inspection": InspectionFile}
+             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
+             "comparison": analysis_shapes.ComparisonFile}
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
 
 

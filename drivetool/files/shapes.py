@@ -31,7 +31,7 @@ class DriveSection(Shape):
     """The chain of bodies: a known name, or the bodies and shafts by name."""
 
     name: Annotated[
-        str | None, Meta(description="one-body, two-mass, three-mass or a name of your own")] = None
+        str | None, Meta(description="one-body, two-mass, three-mass, vehicle or a name of your own")] = None
     bodies: Annotated[list[str] | None, Meta(description="from the motor outwards")] = None
     shafts: Annotated[list[str] | None, Meta(description="joining neighbours, one fewer than bodies")] = None
     torque_unit: Annotated[

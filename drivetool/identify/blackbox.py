@@ -46,6 +46,12 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                  record, or a torque that never changes
     source       Tallfors 2005, sec. 5.3 and 6.3
     """
+    if options.structure is not None:
+        from drivetool.identify.structures import structured
+
+        return structured(experiments, drive, options)
+    if options.criterion == "frequency":
+        raise BadOption("a polynomial structure for a fit in the frequency domain", "none", "Add --structure oe.")
     _possible(drive, options)
     task = Task(drive, (), _roles(experiments, drive), tuple(experiments))
     form = _form(task, options)
@@ -73,7 +79,8 @@ def _possible(drive: Drive, options: Options) -> None:
     if len(drive.bodies) > 2:
         raise BadOption(
             "a drive of one or two bodies for the black box", f"{drive.name} with {len(drive.bodies)}",
-            "Its conversion exists for two masses only: give start values with --set and go on to greybox.")
+            "Its conversion exists for two masses only: use --structure oe, or give start values with --set and go "
+            "on to greybox.")
     friction = "total.viscous" if drive.shafts else f"{drive.bodies[0]}.viscous"
     for name in options.free:
         if name not in (friction, ALL):

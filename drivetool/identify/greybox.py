@@ -53,16 +53,22 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive = with_totals(drive, options.free)
     asked, options = options, expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
+    if options.criterion == "frequency":
+        from drivetool.identify.frequency_fit import greybox_by_frequency
+
+        return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome = fit_task(task, options, [{}])
     outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
+    figures["noise_parameters"] = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses."""
-    names = [f"{b}.inertia" for b in drive.bodies]
+    # A body that is known to carry a mass: that is what is asked for, its own inertia is the small part.
+    names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
     for shaft in drive.shafts:
         names += [f"{shaft}.stiffness", f"{shaft}.damping"]
     for total, suffix in TOTALS.items():

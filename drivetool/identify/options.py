@@ -7,7 +7,8 @@ from typing import Literal
 
 from drivetool.identify.estimate import Covariance
 
-Criterion = Literal["innovations", "simulation"]
+Criterion = Literal["innovations", "simulation", "frequency"]
+Weighting = Literal["variance", "coherence"]
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,12 @@ class Options:
     segment    length [s] of the segments with free start states of a simulation-error
                fit; None: the estimator decides; 0: one free run over each record
     seed       of everything random
+    structure  blackbox: a polynomial structure (oe, bj, arx, armax, innovations); None: the
+               third-order model in continuous time. order: of its dynamics, None to choose by
+               held-out score; noise_order: of its noise, None for two
+    weighting  of a fit in the frequency domain: by the measured variance (maximum likelihood), or by
+               coherence over frequency
+    band       (low, high) Hz of a fit in the frequency domain; None: where the record is excited
     known      covariance of the values that the parameter files bring, so that the interval of
                what is fitted includes the uncertainty of what is held
     """
@@ -32,4 +39,9 @@ class Options:
     starts: int | None = None
     segment: float | None = None
     seed: int = 1
+    structure: str | None = None
+    order: int | None = None
+    noise_order: int | None = None
+    weighting: Weighting = "variance"
+    band: tuple[float, float] | None = None
     known: Covariance | None = None

@@ -24,6 +24,10 @@ ROLES: Mapping[str, str] = {
     "motor2_angle": "angle",
     "table_speed": "speed",
     "table_angle": "angle",
+    # What the loop is asked to do: for the indirect estimate in closed loop, never an input of the drive.
+    "reference_torque": "torque",
+    "reference_speed": "speed",
+    "reference_angle": "angle",
 }
 
 # What is commanded, and so stays until the next value; everything else is a sensor.

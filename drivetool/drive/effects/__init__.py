@@ -3,6 +3,7 @@
 from drivetool.drive.effects import (
     asymmetry,
     backlash,
+    carried_mass,
     converter,
     coulomb,
     dead_time,
@@ -24,6 +25,7 @@ from drivetool.drive.effects.effect import Effect
 
 EFFECTS: tuple[Effect, ...] = (
     inertia.EFFECT,
+    carried_mass.EFFECT,
     viscous.EFFECT,
     coulomb.EFFECT,
     idle_torque.EFFECT,

@@ -1,0 +1,113 @@
+"""drivetool spectra."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli import options as cli
+from drivetool.cli.deliver import deliver, draw_recordings
+from drivetool.cli.inputs import Job, findings, open_all
+from drivetool.cli.outcomes import guarded, say
+from drivetool.errors import BadOption, DriveToolError
+
+if TYPE_CHECKING:
+    from drivetool.identify.spectra import SpectraOptions
+
+HELP = ("Frequency response from torque to a sensor, with coherence and uncertainty. By Welch, or over whole "
+        "periods where the excitation repeats; several recordings are runs of one experiment.")
+
+
+class MethodName(StrEnum):
+    """How spectra are averaged."""
+
+    auto = "auto"
+    welch = "welch"
+    periodic = "periodic"
+
+
+class EstimatorName(StrEnum):
+    """Which noise the estimate assumes."""
+
+    h1 = "h1"
+    h2 = "h2"
+    h3 = "h3"
+    hv = "hv"
+    indirect = "indirect"
+
+
+Method = Annotated[MethodName, typer.Option(
+    "--method", help="Welch's frames, whole periods, or periods where there are some.")]
+EstimatorKind = Annotated[EstimatorName | None, typer.Option(
+    "--estimator", help="h1 noise at the output, h2 at the input, h3 their mean, hv their geometric mean, indirect "
+    "over a reference_* role in closed loop. Default: indirect where there is a reference, else h1.")]
+Window = Annotated[str, typer.Option("--window", metavar="NAME", help="Of Welch's frames, as SciPy calls it.")]
+Length = Annotated[float | None, typer.Option(
+    "--length", metavar="S", min=0.0, help="Of a frame. Default: 16 frames of half overlap in the record.")]
+Overlap = Annotated[float, typer.Option("--overlap", metavar="SHARE", help="Of neighbouring frames.")]
+Period = Annotated[float | None, typer.Option(
+    "--period", metavar="S", min=0.0, help="Of the excitation. Default: found.")]
+Skip = Annotated[int | None, typer.Option(
+    "--skip", metavar="N", min=0, help="Periods left out at the start. Default: one, if three are left.")]
+Output = Annotated[str | None, typer.Option(
+    "--output", metavar="ROLE", help="Sensor. Default: the motor's speed, else its angle as speed.")]
+Curves = Annotated[str | None, typer.Option(
+    "--curves", metavar="FILE", help="Parquet file for all lines. Default: beside --out, with .parquet.")]
+
+
+def command(
+    logs: cli.Logs, map: cli.Map = None, method: Method = MethodName.auto, estimator: EstimatorKind = None,
+    window: Window = "hann", length: Length = None, overlap: Overlap = 0.5, period: Period = None,
+        skip: Skip = None,
+    output: Output = None, band: cli.Band = None, curves: Curves = None, out: cli.Out = None,
+        json: cli.Json = False,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, debug, quiet)
+
+    def work() -> int:
+        from drivetool.identify.spectra import SpectraOptions
+
+        return run(job, SpectraOptions(method.value, estimator.value if estimator else None, window, length,
+            overlap,
+                                       period, skip, output, band), curves)
+
+    guarded("spectra", work, debug)
+
+
+def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
+    """Open, estimate, deliver; the exit code."""
+    from drivetool.files.spectra_file import spectra_file, write_curves
+    from drivetool.files.write import check_target
+    from drivetool.identify.spectra import spectra
+
+    if curves is None and job.out not in (None, "-"):
+        curves = str(Path(job.out).with_suffix(".parquet"))
+    if curves:
+        check_target(curves)
+        _apart(curves, job)
+    opened = open_all(job)
+    try:
+        spectrum = spectra(opened.experiments, options)
+    except DriveToolError:
+        draw_recordings(job, opened.experiments)
+        raise
+    spectrum = replace(spectrum, options=asdict(options), findings=findings(opened, spectrum.findings))
+    if curves:
+        write_curves(curves, spectrum)
+        if not job.quiet:
+            say(job.step, f"wrote {curves}")
+    return deliver(job, spectra_file(spectrum, Path(curves).name if curves else None), spectrum.exhibits)
+
+
+def _apart(curves: str, job: Job) -> None:
+    """The curves must not take the place of an input, nor of the summary."""
+    for path in (*job.logs, *filter(None, (job.map, job.out))):
+        if Path(path).resolve() == Path(curves).resolve():
+            raise BadOption("a file for the curves of its own", f"{path} for both",
+                            "Give --curves another name; inputs are never changed.")

@@ -1,0 +1,101 @@
+"""The on-disk shape of spectra and comparison files; the JSON Schemas are made from these types."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from drivetool.files.shapes import FileSection, FindingSection, Number, Plain, Shape, Tool
+
+SPECTRA_SCHEMA = "drivetool/spectra/1"
+COMPARISON_SCHEMA = "drivetool/comparison/1"
+
+
+class PeakSection(Shape):
+    """A resonance or anti-resonance that stands out of a measured response."""
+
+    kind: Literal["resonance", "anti-resonance"]
+    hz: Annotated[float, Meta(description="of the spectral line")]
+    magnitude: float
+    resolution_hz: Annotated[float, Meta(description="distance of the lines")]
+    prominence_db: float
+
+
+class DistortionSection(Shape):
+    """Output on lines without excitation, as rms over the lines of a kind."""
+
+    kind: Literal["even", "odd"]
+    lines: int
+    level: float
+    noise: float
+    signal: float
+    below_signal_db: Annotated[Number, Meta(description="null where it does not stand out of the noise")]
+
+
+class SpectraFile(Shape):
+    """What spectra writes; the curves are in the Parquet file beside it."""
+
+    schema: Literal["drivetool/spectra/1"]
+    tool: Tool
+    step: Literal["spectra"]
+    outcome: str
+    input: str
+    output: str
+    unit: Annotated[str, Meta(description="of the magnitude")]
+    settings: Plain
+    lines: int
+    first_hz: float
+    last_hz: float
+    coherence: Annotated[dict[str, float | None], Meta(description="median, least, share of lines below 0.5")]
+    uncertainty: Annotated[dict[str, float | None], Meta(
+        description="medians over the lines of std over magnitude: by noise, with distortion, over the runs")]
+    peaks: list[PeakSection]
+    distortion: list[DistortionSection]
+    feedback: Annotated[dict[str, float | None], Meta(
+        description="share of the unforetold torque that comes from the sensor, and its p-value")]
+    curves: Annotated[str | None, Meta(description="Parquet file with all lines")]
+    findings: list[FindingSection]
+    data: list[FileSection]
+    options: Plain
+
+
+class CrossSection(Shape):
+    """A model fitted on one record and checked on another."""
+
+    structure: str
+    fitted_on: str
+    checked_on: str
+    simulation_fit_percent: Annotated[Number, Meta(description="of a free run; null where it is unstable")]
+
+
+class SpreadSection(Shape):
+    """A figure over several experiments."""
+
+    structure: str
+    name: str
+    unit: str
+    values: Annotated[list[Number], Meta(description="one per record, in the order of data")]
+    stds: Annotated[list[Number], Meta(description="stated by each fit")]
+    mean: Number
+    std: Annotated[Number, Meta(description="over the experiments; null for one")]
+    standard_error: Number
+
+
+class ComparisonFile(Shape):
+    """What compare writes: every structure fitted on every record and checked on all."""
+
+    schema: Literal["drivetool/comparison/1"]
+    tool: Tool
+    step: Literal["compare"]
+    outcome: str
+    structures: list[Plain]
+    cross: list[CrossSection]
+    spread: list[SpreadSection]
+    findings: list[FindingSection]
+    data: list[FileSection]
+    inputs: list[FileSection]
+    options: Plain
+
+
+KINDS = {SPECTRA_SCHEMA: SpectraFile, COMPARISON_SCHEMA: ComparisonFile}

@@ -1,0 +1,66 @@
+"""Tables for a person: what is in a spectra or comparison file, at 80 columns."""
+
+from __future__ import annotations
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from drivetool.files.analysis_shapes import ComparisonFile, SpectraFile
+from drivetool.files.tables import _stem, rounded, short
+
+
+def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None:
+    """The tables of a file; colours only on a terminal."""
+    if isinstance(file, SpectraFile):
+        _print_spectra(file, console)
+    else:
+        _print_comparison(file, console)
+
+
+def _table(*columns: str, title: str = "") -> Table:
+    """The first column to the left, numbers to the right."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title_justify="left",
+                  title=Text(title) if title else None)
+    for i, name in enumerate(columns):
+        table.add_column(name, justify="right" if i else "left", overflow="fold")
+    return table
+
+
+def _print_spectra(file: SpectraFile, console: Console) -> None:
+    table = _table("peak", "Hz", "+- half a line", f"magnitude {file.unit}", "prominence dB",
+                   title=f"{file.output} over {file.input}")
+    for p in file.peaks:
+        table.add_row(p.kind, short(p.hz, 5), short(p.resolution_hz / 2, 3), short(p.magnitude),
+                      short(p.prominence_db, 3))
+    console.print(table)
+    for d in file.distortion:
+        level = ("not above the noise" if d.below_signal_db is None
+                 else f"{d.below_signal_db:.0f} dB below the signal")
+        console.print(Text(f"  {d.kind} distortion: {level} ({d.lines} lines)"))
+    c = file.coherence
+    console.print(Text(f"  coherence: median {short(c['median'], 3)}, least {short(c['least'], 3)}"))
+    for name, value in file.uncertainty.items():
+        if value is not None:
+            console.print(Text(f"  std over magnitude, {name.replace('_', ' ')}: {100 * value:.2g} % (median)"))
+    console.print(Text(f"  {file.outcome}"))
+
+
+def _print_comparison(file: ComparisonFile, console: Console) -> None:
+    records = [entry.file for entry in file.data]
+    for structure in dict.fromkeys(c.structure for c in file.cross):
+        table = _table("fitted on", *map(_stem, records), title=f"{structure}: simulation fit %, checked on")
+        fits = {(c.fitted_on, c.checked_on): c for c in file.cross if c.structure == structure}
+        for row in dict.fromkeys(a for a, _ in fits):
+            cells = [fits.get((row, name)) for name in dict.fromkeys(b for _, b in fits)]
+            table.add_row(_stem(row), *("unstable" if c and c.simulation_fit_percent is None else
+                                        short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
+        console.print(table)
+    if file.spread:
+        table = _table("figure", "structure", "mean", "std", "unit", title="over the experiments")
+        for s in file.spread:
+            mean, std = rounded(s.mean, s.std)
+            table.add_row(s.name, s.structure, mean, std, s.unit)
+        console.print(table)
+    console.print(Text(f"  {file.outcome}"))

@@ -1,0 +1,24 @@
+"""A comparison to disk."""
+
+from __future__ import annotations
+
+from drivetool.files import analysis_shapes as shapes
+from drivetool.files.result_file import Inputs, _files, _findings, _tool
+from drivetool.files.text import plain
+from drivetool.identify.compare import Comparison
+
+
+def comparison_file(found: Comparison, inputs: Inputs = ()) -> shapes.ComparisonFile:
+    """Cross-tables and spreads, as they are read by `show`."""
+    structures = [{"structure": m.structure, "record": m.record, "noise_parameters": m.noise_parameters,
+                   "unstable": m.unstable, "why_not": m.why} for m in found.models]
+    spread = [shapes.SpreadSection(
+        structure=s.structure, name=s.name, unit=s.unit, values=plain(list(s.values)), stds=plain(list(s.stds)),
+        mean=plain(s.mean), std=plain(s.std), standard_error=plain(s.standard_error)) for s in found.spread]
+    return shapes.ComparisonFile(
+        schema=shapes.COMPARISON_SCHEMA, tool=_tool(), step="compare", outcome=found.outcome,
+        structures=plain(structures),
+        cross=[shapes.CrossSection(structure=s, fitted_on=a, checked_on=b, simulation_fit_percent=plain(v))
+               for (s, a, b), v in found.cross.items()],
+        spread=spread, findings=_findings(found.findings), data=_files(found.data), inputs=_files(inputs),
+        options=plain(found.options))

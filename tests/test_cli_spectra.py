@@ -1,0 +1,91 @@
+"""drivetool spectra at its boundary."""
+
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from jsonschema import Draft202012Validator
+
+from drivetool.cli import main
+from drivetool.files.schema import schemas
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import Machine
+from tests.simulator.records import white_noise, write_parquet
+from tests.simulator.simulate import simulate_linear
+
+RIG = Machine((0.6, 5.2), (0.8, 0.4), stiffness=(3300.0,), damping=(3.1,))
+
+
+@pytest.fixture
+def call(capfd):
+    """Run a command in this process: exit code, standard output, standard error."""
+    def run(*words):
+        with pytest.raises(SystemExit) as left:
+            main.app([str(word) for word in words], prog_name="drivetool")
+        text = capfd.readouterr()
+        return left.value.code or 0, text.out, text.err
+    return run
+
+
+@pytest.fixture
+def record(tmp_path, monkeypatch):
+    """Ten periods of a multisine at a two-mass machine."""
+    monkeypatch.chdir(tmp_path)
+    torque = np.tile(multisine(np.arange(1.0, 40.0, 0.5), 0.5, 2.0, 1e-3, 3), 10)
+    speed = simulate_linear(RIG, torque, 1e-3).speeds[:, 0] + white_noise(len(torque), 1e-3, 4)
+    write_parquet(tmp_path / "multi.parquet", {
+        "motor_torque": (torque, "Nm"), "motor_speed": (speed, "rad/s")}, 1e-3)
+    return tmp_path
+
+
+def test_summary_curves_and_pictures(record, call):
+    words = ("spectra", "multi.parquet", "--out", "s.yaml", "--plot", "pictures")
+    code, _, talk = call(*words)
+    assert code == 0 and "wrote s.parquet" in talk
+    text, curves = (record / "s.yaml").read_bytes(), (record / "s.parquet").read_bytes()
+    content = yaml.safe_load(text)
+    Draft202012Validator(json.loads(schemas()["spectra.json"])).validate(content)
+    assert content["settings"]["period"] == 2.0 and content["lines"] == 78
+    peaks = {p["kind"]: p["hz"] for p in content["peaks"]}
+    jm, jl, ks = 0.6, 5.2, 3300.0
+    assert abs(peaks["resonance"] - np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi) < 0.5
+    assert abs(peaks["anti-resonance"] - np.sqrt(ks / jl) / 2 / np.pi) < 0.5
+    table = pq.read_table(record / "s.parquet")
+    assert table.num_rows == 78 and table.schema.field("magnitude").metadata[b"unit"] == b"rad/s/Nm"
+    assert (record / "pictures" / "spectra-multi-response.png").stat().st_size > 10_000
+    assert call(*words)[0] == 0
+    assert (record / "s.yaml").read_bytes() == text and (record / "s.parquet").read_bytes() == curves
+    code, shown, _ = call("show", "s.yaml")
+    assert code == 0 and "anti-resonance" in shown and "coherence" in shown
+
+
+def test_words_reach_the_estimator(record, call):
+    code, out, _ = call("spectra", "multi.parquet", "--method", "welch", "--estimator", "h3", "--window",
+                        "hamming", "--length", "4", "--overlap", "0.7", "--band", "2", "20", "--json", "--quiet")
+    content = json.loads(out)
+    assert code == 0 and content["settings"]["estimator"] == "h3" and content["settings"]["length"] == 4.0
+    assert content["first_hz"] >= 2.0 and content["last_hz"] <= 20.0 and content["curves"] is None
+
+
+@pytest.mark.parametrize(("words", "code", "said"), [
+    (("--method", "periodic", "--period", "15"), 1, "two periods"),
+    (("--estimator", "indirect"), 1, "reference"),
+    (("--estimator", "h7"), 2, "h7"),
+    (("--curves", "multi.parquet"), 1, "inputs are never changed"),
+    (("--curves", "no/folder.parquet"), 1, "existing folder"),
+])
+def test_what_cannot_be_ends_with_a_sentence(record, call, words, code, said):
+    before = (record / "multi.parquet").read_bytes()
+    found, out, talk = call("spectra", "multi.parquet", *words)
+    assert found == code and said in talk and "Traceback" not in talk and not out
+    assert (record / "multi.parquet").read_bytes() == before
+
+
+def test_an_incoherent_record_is_written_and_ends_with_three(record, call):
+    rng = np.random.default_rng(1)
+    write_parquet(record / "noise.parquet", {"motor_torque": (rng.standard_normal(9000), "Nm"),
+                                             "motor_speed": (rng.standard_normal(9000), "rad/s")}, 1e-3)
+    code, _, talk = call("spectra", "noise.parquet", "--out", "n.yaml")
+    assert code == 3 and "incoherent" in talk and (record / "n.yaml").exists()
