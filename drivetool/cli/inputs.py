@@ -55,7 +55,7 @@ def open_all(job: Job) -> Opened:
     from drivetool.files.write import check_target
     from drivetool.logs.build import open_experiment
 
-    _inputs_stay(job)
+    inputs_stay(job)
     if job.out not in (None, "-"):
         check_target(job.out)
     loaded = load_parameters(job.params)
@@ -81,7 +81,7 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
     elif job.drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
-    return drive.with_values(dict(_start(word, drive) for word in job.set))
+    return drive.with_values(dict(start_value(word, drive) for word in job.set))
 
 
 def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -108,7 +108,7 @@ def _shape(job: Job) -> Loaded | None:
     return shape
 
 
-def _start(word: str, drive: Drive) -> tuple[str, float]:
+def start_value(word: str, drive: Drive) -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
     from drivetool.files import units
 
@@ -126,7 +126,7 @@ def _start(word: str, drive: Drive) -> tuple[str, float]:
     return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
-def _inputs_stay(job: Job) -> None:
+def inputs_stay(job: Job) -> None:
     """Inputs are never modified, so the output must be another file."""
     inputs = [*job.logs, *job.params, *filter(None, (job.map, job.drive))]
     if job.out in (None, "-") or not os.path.exists(job.out):

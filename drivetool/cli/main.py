@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from drivetool import __version__
-from drivetool.cli import backlash, blackbox, greybox, show, steady, validate
+from drivetool.cli import backlash, blackbox, greybox, show, steady, tune, validate
 
 # In the order in which they are used.
 COMMANDS = {"steady": steady, "blackbox": blackbox, "greybox": greybox, "backlash": backlash,
-            "validate": validate, "show": show}
+            "validate": validate, "tune": tune, "show": show}
 
 app = typer.Typer(
     name="drivetool", add_completion=False, no_args_is_help=True, rich_markup_mode=None,
@@ -37,7 +37,7 @@ def _drivetool(
     """From recordings of electric drives to parameters with honest uncertainties.
 
     A chain of steps, each reading the file of the one before:
-    steady, blackbox, greybox, backlash, validate.
+    steady, blackbox, greybox, backlash, validate, tune.
 
     Exit codes: 0 done; 1 failed; 2 usage; 3 done, but with a failure finding or a missed bar.
     """

@@ -64,4 +64,4 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     used.pop("known")
     estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))
-    return deliver(job, estimate_file(estimate, opened.inputs), estimate.exhibits)
+    return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -9,11 +9,13 @@ from pathlib import Path
 import msgspec
 
 from drivetool.files import shapes
+from drivetool.files.gains_shapes import GainsFile
 from drivetool.files.write import write_whole
 
 TITLES = {
     "parameters": "drivetool parameter file",
     "validation": "drivetool validation file",
+    "gains": "drivetool gains file",
     "channel-map": "drivetool channel map",
 }
 
@@ -23,6 +25,7 @@ def schemas() -> dict[str, str]:
     from drivetool.logs.channel_map import ChannelMapFile
 
     types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
+             "gains": GainsFile,
              "channel-map": ChannelMapFile}
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
 

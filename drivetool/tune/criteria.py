@@ -7,7 +7,7 @@ the modes; the absolute value is integrated lobe by lobe (response.py).
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import factorial
 
@@ -78,7 +78,16 @@ def value(loop: Loop, wanted: Criterion, settings: Settings) -> float:
         settings.gain, settings.integral_time, settings.second)))[0])
 
 
-def signals(loop: Loop, settings: Settings, names: tuple[str, ...]) -> dict[str, Modes]:
+def impact_drops(loop: Loop, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
+                 second: np.ndarray) -> np.ndarray:
+    """(m, ny) largest |integral| of signals at m settings; infinite where unstable."""
+    rates, weights = decompose(loop.matrices(gain, integral_time, second), loop.b,
+                               loop.outputs(names, gain, integral_time, second))
+    return np.column_stack([absolute_integrals(rates, np.ascontiguousarray(weights[:, k]))[:, 1]
+                            for k in range(len(names))])
+
+
+def signals(loop: Loop, settings: Settings, names: Sequence[str]) -> dict[str, Modes]:
     """Responses of signals to a unit step of load torque."""
     one = [np.array([v]) for v in (settings.gain, settings.integral_time, settings.second)]
     rates, weights = decompose(loop.matrices(*one), loop.b, loop.outputs(names, *one))
@@ -90,7 +99,7 @@ def _integral(wanted: Criterion, rates: np.ndarray, weights: np.ndarray) -> np.n
     if wanted.name == "IE":
         return np.abs((weights / rates).sum(axis=1).real)
     if wanted.name == "IAE":
-        return absolute_integrals(rates, weights)
+        return absolute_integrals(rates, weights)[:, 0]
     n = 2 * wanted.power
     pairs = -(rates[:, :, None] + rates[:, None, :])
     return factorial(n) * np.einsum("mi,mij,mj->m", weights, pairs ** -(n + 1.0), weights).real

@@ -61,7 +61,8 @@ class Settings:
 class Loop:
     """dx/dt = (a + Kp a_gain + Kp/Ti a_integral + Kp K a_second) x + b load torque.
 
-    rows  signal -> row over the state
+    rows     signal -> row over the state
+    command  (channels, n): what a command of each channel does; used for the speed reference
     """
 
     drive: Drive
@@ -72,6 +73,14 @@ class Loop:
     a_second: np.ndarray
     b: np.ndarray
     rows: Mapping[str, np.ndarray] = field(default_factory=dict)
+    command: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def reference(self, settings: Settings) -> np.ndarray:
+        """(n,) what a speed reference does: dx/dt = ... + this times reference."""
+        found = np.eye(len(self.a))[-1] + settings.gain * self.command[0]
+        if self.wiring.configuration == "miso":
+            found = found + settings.gain * settings.second * self.command[1]
+        return found
 
     def matrix(self, settings: Settings) -> np.ndarray:
         """(n, n) of the closed loop."""
@@ -179,7 +188,8 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
             at = nm + min(k, nc - 1) * npath
             row[at:at + npath] = path[2]
             rows[f"{motor}_torque"] = row
-    return Loop(drive, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], rows)
+    return Loop(drive, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], rows,
+                np.array(entry))
 
 
 def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:

@@ -35,12 +35,10 @@ class Limits:
 
     sensitivity  largest Ms
     gain         largest Kp [torque/speed]; infinite: no limit
-    misses       share of the scenarios that may exceed the sensitivity
     """
 
     sensitivity: float = 2.0
     gain: float = np.inf
-    misses: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def optimum(task: Task) -> Found | None:
 
     raises  BadParameters: without lag or dead time in the loop any gain is allowed
     """
-    shapes = _shapes(task)
+    shapes = shapes_of(task)
     basins = _basins(task, shapes)
     if not basins:
         return None
@@ -124,9 +122,8 @@ def _settled(task: Task, best: Found) -> Found:
 
 
 def reached(task: Task, settings: Settings) -> float:
-    """The least limit that enough scenarios keep."""
-    found = sorted((sensitivity_of(loop, own, settings) for loop, own in task.scenarios), reverse=True)
-    return found[int(task.limits.misses * len(found) + 1e-9)]
+    """The least limit that all scenarios keep."""
+    return max(sensitivity_of(loop, own, settings) for loop, own in task.scenarios)
 
 
 def sensitivity_of(loop: Loop, own: Plant, settings: Settings) -> float:
@@ -144,7 +141,7 @@ def allowed(task: Task, integral_time: float, second: float) -> np.ndarray:
     low, high = task.gains
     if low >= high:
         return np.zeros((0, 2))
-    edges, counts = [np.array([low, high])], []
+    common = np.array([[low, high]])
     for loop, own in task.scenarios:
         bad = forbidden(own.shape(integral_time, second), own.w, task.limits.sensitivity)
         bad = bad[(bad[:, 1] > low) & (bad[:, 0] < high)]
@@ -155,31 +152,22 @@ def allowed(task: Task, integral_time: float, second: float) -> np.ndarray:
             many = np.ones_like(middle)
             poles = np.linalg.eigvals(loop.matrices(middle, integral_time * many, second * many))
             ends = ends[poles.real.max(axis=1) < 0.0]
-        edges.append(ends.ravel())
-        counts.append(ends)
-    if len(counts) == 1:
-        return counts[0]
-    return _mostly(counts, np.unique(np.concatenate(edges)), task.limits.misses)
+        common = ends if common[0, 0] == low and common[0, 1] == high else _both(common, ends)
+        if not len(common):
+            break
+    return common
 
 
-def _mostly(good: list[np.ndarray], edges: np.ndarray, misses: float) -> np.ndarray:
-    """Where all but a share of the scenarios are content; neighbours are joined."""
-    middle = np.sqrt(edges[:-1] * edges[1:])
-    content = np.zeros(len(middle), int)
-    for ends in good:
-        for a, b in ends:
-            content += (middle > a) & (middle < b)
-    keep = content >= len(good) - int(misses * len(good) + 1e-9)
-    found = []
-    for k in np.flatnonzero(keep):
-        if found and found[-1][1] == edges[k]:
-            found[-1][1] = edges[k + 1]
-        else:
-            found.append([edges[k], edges[k + 1]])
-    return np.array(found, float).reshape(-1, 2)
+def _both(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(m, 2) where two rising rows of intervals overlap."""
+    low = np.maximum(first[:, None, 0], second[None, :, 0]).ravel()
+    high = np.minimum(first[:, None, 1], second[None, :, 1]).ravel()
+    keep = high > low * (1.0 + 1e-9)
+    order = np.argsort(low[keep], kind="stable")
+    return np.column_stack([low[keep], high[keep]])[order]
 
 
-def _shapes(task: Task) -> np.ndarray:
+def shapes_of(task: Task) -> np.ndarray:
     """(m, 2) integral time and K of the grid."""
     times = np.geomspace(*task.times, TIMES)
     seconds = np.geomspace(*SPREAD, SECONDS) if task.two else np.ones(1)
@@ -316,7 +304,7 @@ def _interval(task: Task, integral_time: float, second: float, gain: float) -> n
 
 def lowest_sensitivity(task: Task) -> float:
     """The least limit that some settings keep, to 1 %; for a person whose limit none keeps."""
-    shapes = _shapes(task)
+    shapes = shapes_of(task)
     low, high = 1.0, 64.0
     while high > low * 1.01:
         middle = np.sqrt(low * high) if low > 1.0 else 0.5 * (low + high)
