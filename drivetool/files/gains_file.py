@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -45,13 +46,13 @@ def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | N
         options=plain(options or {}))
 
 
-def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, shapes.GainsFile]:
-    """(file name, content) of a gains file.
+def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, str, shapes.GainsFile]:
+    """(file name, sha256, content) of a gains file.
 
     raises  BadParameters: not a gains file
     """
     name, data = read_bytes(path, stdin)
-    return name, checked.gains_file(from_yaml(data, name), name)
+    return name, hashlib.sha256(data).hexdigest(), checked.gains_file(from_yaml(data, name), name)
 
 
 def controller(file: shapes.GainsFile, name: str, configuration: str | None = None) -> tuple[Wiring, Settings]:

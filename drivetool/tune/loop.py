@@ -102,12 +102,12 @@ class Loop:
             if name in self.rows:
                 found[:, k] = self.rows[name]
             else:
-                found[:, k] = self._command(name, np.asarray(gain), np.asarray(integral_time), np.asarray(second))
+                found[:, k] = self.commanded(name.removesuffix("_torque"), gain, integral_time, second)
         return found
 
-    def _command(self, name: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """(m, n) what the controller asks of a motor, which without a path is its torque."""
-        motor, kind = self.wiring.motors.index(name.removesuffix("_torque")), self.wiring.configuration
+    def commanded(self, motor: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(m, n) what the controller asks of a motor at a speed reference of zero; without a path, its torque."""
+        motor, kind = self.wiring.motors.index(motor), self.wiring.configuration
         integral, speed = np.eye(len(self.a))[-1], self.rows["measured_speed"]
         if motor and kind == "mimo":
             return np.broadcast_to(SHARE * self.rows["shaft_torque"], (len(gain), len(self.a)))

@@ -13,6 +13,7 @@ from drivetool.tune.scenarios import Draws
 if TYPE_CHECKING:
     from drivetool.tune.gains import Design, TuneOptions
 
+SLIGHT = 1.03  # times the limit in 95 % of the draws: nothing to worry about
 MATTERS = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffixes that shape a loop
 
 
@@ -75,7 +76,7 @@ def of_design(drive: Drive, design: Design, options: TuneOptions) -> list[Findin
     found, name = [], design.wiring.configuration
     prefix = f"{name}: " if len(design.wiring.motors) > 1 else ""
     spread, limit = design.spread, options.limits.sensitivity
-    if spread and options.confidence is None and spread.above_limit > 0.05 and design.active == "sensitivity":
+    if spread and options.confidence is None and spread.quantiles["max_sensitivity"]["0.95"] > SLIGHT * limit:
         found.append(Finding(
             "warning", "limit-uncertain",
             f"{prefix}Ms exceeds {limit:g} in {100 * spread.above_limit:.0f} % of the drives that the parameters' "
