@@ -26,7 +26,7 @@ Segment = Annotated[float, typer.Option(
 GainsPath = Annotated[str | None, typer.Option(
     "--gains", metavar="FILE", help="Gains that tune wrote: replay the closed loop on a record of a load step.")]
 Configuration = Annotated[str | None, typer.Option(
-    "--configuration", metavar="NAME", help="Which design of the gains file; default the last, the best.")]
+    "--configuration", metavar="NAME", help="Which design of the gains file; default the best.")]
 
 
 def command(

@@ -41,6 +41,7 @@ def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | N
         constraint=shapes.ConstraintSection(
             max_sensitivity=float(asked.limits.sensitivity), max_gain=_finite(asked.limits.gain),
             confidence=asked.confidence),
+        best=gains.best.wiring.configuration,
         designs=[_design(drive, design, gains) for design in gains.designs],
         findings=finding_sections(gains.findings), inputs=file_sections(inputs), ratings=ratings,
         options=plain(options or {}))
@@ -56,15 +57,16 @@ def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, st
 
 
 def controller(file: shapes.GainsFile, name: str, configuration: str | None = None) -> tuple[Wiring, Settings]:
-    """The wiring and settings of a design: the one asked for, else the last, which is the best.
+    """The wiring and settings of a design: the one asked for, else the best.
 
     raises  BadOption: the file has no such design
     """
-    found = [d for d in file.designs if configuration in (None, d.configuration)]
+    wanted = configuration or file.best
+    found = [d for d in file.designs if d.configuration == wanted]
     if not found:
-        raise BadOption(f"a {configuration} design in {name}", "none", "Choose another --configuration.",
+        raise BadOption(f"a {wanted} design in {name}", "none", "Choose another --configuration.",
                         [d.configuration for d in file.designs])
-    design = found[-1]
+    design = found[0]
     second = design.gains.kp2.value / design.gains.kp.value if design.gains.kp2 else 1.0
     return (Wiring(design.configuration, tuple(design.motors), design.speed_filter.value, design.dead_time_form),
             Settings(design.gains.kp.value, design.gains.ti.value, second))

@@ -135,7 +135,7 @@ class DesignSection(Shape):
 
 
 class GainsFile(Shape):
-    """What tune writes; of several designs the best is last."""
+    """What tune writes."""
 
     schema: Literal["drivetool/gains/1"]
     tool: Tool
@@ -144,6 +144,7 @@ class GainsFile(Shape):
     drive: DriveSection
     criterion: CriterionSection
     constraint: ConstraintSection
+    best: Annotated[str, Meta(description="configuration with the least criterion")]
     designs: list[DesignSection]
     findings: list[FindingSection]
     inputs: list[FileSection]

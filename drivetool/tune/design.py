@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.errors import BadOption, BadParameters, Finding
+from drivetool.errors import BadOption, BadParameters, Finding, nearest
 from drivetool.tune import remarks
 from drivetool.tune.factors import factors
 from drivetool.tune.gains import Design, Gains, TuneOptions
@@ -43,14 +43,16 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
         raise BadOption("a confidence between 0 and 1", f"{options.confidence:g}", "Write for example 0.95.")
     drive.require(drive.missing(), "a controller")
     chosen, notes = wirings(drive, options)
+    known = ("load_speed", "motor_speed", *(f"{motor}_torque" for motor in chosen[0].motors))
+    for name in options.criterion.weights:
+        if name not in known:
+            raise BadOption("weights of signals of this drive", f"'{name}'", nearest(name, known), known)
     covariance = joint(drive, options.known, options.stds)
     draws = draw(drive, covariance, options.draws, options.seed) if covariance else None
     if options.confidence is not None and draws is None:
         raise BadParameters("standard deviations or a covariance for a design with --confidence",
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
     designs = tuple(_design(drive, wiring, options, draws) for wiring in chosen)
-    if len(designs) > 1:
-        designs = tuple(sorted(designs, key=lambda each: -each.value))
     findings = (*notes, *remarks.uncertainty(drive, options, covariance, draws),
                 *(f for each in designs for f in remarks.of_design(drive, each, options)))
     gains = Gains(drive, designs, options, remarks.outcome(drive, designs, options), findings)

@@ -85,7 +85,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Gains:
-    """The tuned controllers; several configurations of a tandem side by side, best last.
+    """The tuned controllers; several configurations of a tandem side by side.
 
     options  as used
     """
@@ -96,3 +96,8 @@ class Gains:
     outcome: str
     findings: tuple[Finding, ...] = ()
     exhibits: tuple[object, ...] = ()
+
+    @property
+    def best(self) -> Design:
+        """The design with the least criterion."""
+        return min(self.designs, key=lambda each: each.value)

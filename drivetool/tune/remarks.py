@@ -19,7 +19,7 @@ MATTERS = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffi
 
 def outcome(drive: Drive, designs: Sequence[Design], options: TuneOptions) -> str:
     """One sentence: the settings, what they reach and what holds them."""
-    best = designs[-1]
+    best = min(designs, key=lambda each: each.value)
     limit = options.limits.sensitivity
     held = {
         "sensitivity": f"the Ms limit {limit:g} is active", "gain": "the gain limit is active",

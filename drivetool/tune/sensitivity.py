@@ -31,22 +31,23 @@ PER_DECADE = 90  # frequencies of the grid, apart from those around resonances
 class Plant:
     """Frequency responses from the torque commands to the filtered speed of the first motor.
 
-    w       (n,) rising [rad/s]
-    first   (n,) of the command that takes Kp; second: of the one that takes K Kp, zero if none
+    w      (n,) rising [rad/s]
+    chain  (A, B) of the mechanics, worked out once
     """
 
     drive: Drive
     wiring: Wiring
     w: np.ndarray
+    chain: tuple[np.ndarray, np.ndarray]
 
     @cached_property
     def responses(self) -> tuple[np.ndarray, np.ndarray]:
-        """(first, second) on the grid."""
-        return responses(self.drive, self.wiring, self.w)
+        """(n,) of the command that takes Kp, and of the one that takes K Kp, zero if there is none."""
+        return _responses(self)
 
     def at(self, w: np.ndarray) -> Plant:
         """The same on other frequencies."""
-        return Plant(self.drive, self.wiring, w)
+        return Plant(self.drive, self.wiring, w, self.chain)
 
     def shape(self, integral_time: float, second: float = 1.0) -> np.ndarray:
         """(n,) Q, the loop gain at Kp = 1."""
@@ -59,10 +60,10 @@ class Plant:
         return settings.gain * self.shape(settings.integral_time, settings.second)
 
 
-def responses(drive: Drive, wiring: Wiring, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(first, second), see Plant; an inner shaft-torque loop is closed."""
-    a, b = mechanics(drive, wiring)
-    s = 1j * np.asarray(w, float)
+def _responses(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
+    """See Plant; an inner shaft-torque loop is closed."""
+    drive, wiring, (a, b) = plant.drive, plant.wiring, plant.chain
+    s = 1j * plant.w
     states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(
         b[:, :-1].astype(complex), (len(s), len(a), b.shape[1] - 1)))
     path = path_response(drive, wiring, s)
@@ -100,7 +101,7 @@ def plant(drive: Drive, wiring: Wiring) -> Plant:
         off = width * np.sinh(np.linspace(0.0, np.arcsinh(0.3 / width), 30))
         centre = 2.0 * np.pi * mode.frequency_hz
         grid += [centre * (1.0 + off), centre * (1.0 - off[1:])]
-    return Plant(drive, wiring, _apart(np.concatenate(grid)))
+    return Plant(drive, wiring, _apart(np.concatenate(grid)), mechanics(drive, wiring))
 
 
 def max_sensitivity(plant: Plant, settings: Settings) -> tuple[float, float]:
@@ -111,7 +112,7 @@ def max_sensitivity(plant: Plant, settings: Settings) -> tuple[float, float]:
     on_grid = size(plant)
     inner = np.flatnonzero((on_grid[1:-1] >= on_grid[:-2]) & (on_grid[1:-1] >= on_grid[2:])) + 1
     best = max(((on_grid[0], plant.w[0]), (on_grid[-1], plant.w[-1])))
-    for k in sorted(inner, key=lambda k: -on_grid[k])[:4]:
+    for k in inner[on_grid[inner] > 0.9 * on_grid.max()]:
         best = max(best, _zoom(plant, size, plant.w[k - 1], plant.w[k + 1]))
     return float(best[0]), float(best[1])
 
