@@ -40,7 +40,8 @@ class PlainScript:
         a, b, c, d = state_space(drive.with_values({"converter.bandwidth": 1e9, "converter.dead_time": 0.0}),
                                  ("motor_torque", "load_torque"), ("motor_speed", "load_speed"))
         keep = 3  # without the converter's own two states
-        a, b, c = a[:keep, :keep], np.column_stack([[1 / drive.value("motor.inertia"), 0, 0], b[:keep, 1]]), c[:, :keep]
+        b = np.column_stack([[1 / drive.value("motor.inertia"), 0, 0], b[:keep, 1]])
+        a, c = a[:keep, :keep], c[:, :keep]
         self.plant = control.ss(a, b, c, d)
         w, z, td = (drive.value(f"converter.{k}") for k in ("bandwidth", "damping", "dead_time"))
         self.path = control.ss(control.tf(np.array([-td / 2, 1]) * w**2, [1, 2 * z * w, w**2]))
@@ -92,7 +93,8 @@ def test_one_design_against_a_plain_script():
     print(f"\nconstrained IAE design, two masses: {mine_took:.2f} s, Kp {mine.settings.gain:.1f} "
           f"Ti {mine.settings.integral_time:.5f}, IAE {mine.value:.5g}")
     print(f"plain script, control.forced_response on a {1e3 * GRID:g} ms grid, {script.trials} trials: "
-          f"{theirs_took:.1f} s, Kp {theirs.gain:.1f} Ti {theirs.integral_time:.5f}, IAE {value(loop, iae, theirs):.5g}")
+          f"{theirs_took:.1f} s, Kp {theirs.gain:.1f} Ti {theirs.integral_time:.5f}, "
+          f"IAE {value(loop, iae, theirs):.5g}")
     print(f"ratio for one design: {theirs_took / mine_took:.0f}")
     at = mine.settings
     _, one = timed(lambda: [value(loop, iae, at) for _ in range(200)])

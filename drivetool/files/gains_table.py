@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -21,7 +21,7 @@ def print_gains(file: GainsFile, console: Console, per_unit: bool = False) -> No
     per_unit = per_unit and file.ratings is not None
     console.print(design_table(file, per_unit))
     for design in file.designs:
-        console.print(robustness_table(file, design))
+        console.print(robustness_table(file, design, per_unit))
     console.print(Text(f"  {file.outcome}"))
 
 
@@ -70,24 +70,30 @@ def _rows(file: GainsFile) -> list[tuple[str, Callable[[DesignSection], Figure |
     return rows
 
 
-def robustness_table(file: GainsFile, design: DesignSection) -> Table:
+def robustness_table(file: GainsFile, design: DesignSection, per_unit: bool = False) -> Table:
     """The same settings on other drives: the published variations, then the spread."""
     name = f"{design.configuration}: " if len(file.designs) > 1 else ""
     table = _table(f"{name}the same settings on another drive")
     table.columns[0].header = "drive"
-    unit = design.factors.load_speed.impact_drop.unit
+    drop = design.factors.load_speed.impact_drop
+    unit, scale = _unit(drop, per_unit), drop.per_unit / drop.value if per_unit and drop.per_unit else 1.0
     for title in ("Ms", f"impact drop {unit}", "overshoot %"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in design.variations:
-        figures = (each.max_sensitivity, each.impact_drop, each.overshoot_percent)
-        table.add_row(each.change, *("unstable" if f is None else short(f) for f in figures))
+        found = (each.max_sensitivity, each.impact_drop, each.overshoot_percent)
+        table.add_row(each.change, *_figures(found, scale))
     spread = design.spread
     if spread:
         for level in ("0.05", "0.5", "0.95"):
-            cells = [spread.quantiles[key][level] for key in ("max_sensitivity", "impact_drop", "overshoot")]
+            found = [spread.quantiles[key][level] for key in ("max_sensitivity", "impact_drop", "overshoot")]
             table.add_row(f"{100 * float(level):g} % of {spread.draws - spread.unphysical} draws below",
-                          *("unstable" if c is None else short(c) for c in cells))
+                          *_figures(found, scale))
     return table
+
+
+def _figures(found: Sequence[float | None], scale: float) -> list[str]:
+    """Ms, impact drop in its unit, overshoot."""
+    return ["unstable" if f is None else short(f * s) for f, s in zip(found, (1.0, scale, 1.0), strict=True)]
 
 
 def _table(title: str) -> Table:

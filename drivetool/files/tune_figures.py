@@ -29,6 +29,7 @@ def plane(picture: Plane) -> Figure:
     least, most = every.min(), min(every.max(), every.min() * 64.0)
     levels = np.geomspace(least * 1.02, most, 16)
     for axis, (name, values) in zip(axes, picture.panels.items(), strict=True):
+        _log_axes(axis, picture)  # before any label is placed along a line
         inside = np.ma.masked_invalid(values)
         shade = axis.contourf(picture.times, picture.gains, inside, levels=np.geomspace(least * 0.999, most, 40),
                               norm=LogNorm(least, most), cmap="YlGnBu", extend="max")
@@ -40,17 +41,26 @@ def plane(picture: Plane) -> Figure:
                       fontsize=8, color=INK, fontweight="bold", zorder=6,
                       bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.75, "linewidth": 0},
                       xytext=(6, -26), textcoords="offset points")
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_facecolor("#d4d7da")
-        axis.grid(False)
-        axis.set_xlabel("integral time Ti [s]")
         axis.set_title(picture.title if n == 1 else name)
     axes[0].set_ylabel(f"gain Kp [{picture.gain_unit}]")
     if n > 1:
         drawn.suptitle(picture.title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
     drawn.colorbar(shade, ax=list(axes), format=lambda v, _: f"{v:.2g}", ticks=levels[::3], pad=0.01)
     return drawn
+
+
+def _log_axes(axis: Axes, picture: Plane) -> None:
+    """Equal ratios on both axes, ticks at 1, 2 and 5."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    for one, values in ((axis.xaxis, picture.times), (axis.yaxis, picture.gains)):
+        one.axes.set(**{f"{one.axis_name}scale": "log", f"{one.axis_name}lim": (values[0], values[-1])})
+        one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        one.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        one.set_minor_locator(NullLocator())
+    axis.set_facecolor("#d4d7da")
+    axis.grid(False)
+    axis.set_xlabel("integral time Ti [s]")
 
 
 def _sensitivity_lines(axis: Axes, picture: Plane) -> None:
@@ -64,7 +74,9 @@ def _sensitivity_lines(axis: Axes, picture: Plane) -> None:
     axis.clabel(lines, fmt=lambda v: f"Ms {20 * np.log10(v):.3g} dB", fontsize=7.5, inline_spacing=2)
     unstable = ~np.isfinite(picture.ms)
     if unstable.any():
-        row, column = np.argwhere(unstable)[len(np.argwhere(unstable)) // 2]
+        rows = np.flatnonzero(unstable[:, len(picture.times) // 2])
+        where = np.argwhere(unstable)
+        row, column = (rows[len(rows) // 2], len(picture.times) // 2) if len(rows) else where[len(where) // 2]
         axis.text(picture.times[column], picture.gains[row], "unstable", color="#5c6269", ha="center", fontsize=9)
 
 
@@ -205,9 +217,9 @@ def spread(picture: SpreadPicture) -> Figure:
             axis.axvline(picture.limit, color=RED, linewidth=1.4, linestyle=":", label="limit")
         axis.set_xlabel(picture.units[name] if scale == 1.0 else picture.units[name].replace("[", f"[1e{power} "))
         axis.grid(False, axis="x")
-        axis.locator_params(axis="x", nbins=5)
+        axis.locator_params(axis="x", nbins=4)
     axes[0].set_ylabel(f"draws, of {len(picture.spread.samples[names[0]])}")
-    axes[0].legend(loc="upper right", fontsize=7.5)
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     varied = ", ".join(picture.spread.parameters)
     drawn.suptitle(picture.title, x=0.01, ha="left", fontsize=10.5, fontweight="bold")
     if len(varied) > 90:
