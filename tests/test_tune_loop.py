@@ -233,6 +233,16 @@ def test_rigid_drive_and_filter_without_converter():
         check_finite(task(build(rigid, Wiring()), criterion("IAE"), Limits()))
 
 
+def test_a_drive_without_damping_or_friction():
+    drive = two_mass().with_values({
+        "motor.inertia": 0.5, "load.inertia": 5.0, "shaft.stiffness": 3000.0, "converter.bandwidth": 433.0,
+        "converter.dead_time": 0.002})
+    work = task(build(drive, Wiring()), criterion("IAE"), Limits())
+    found = optimum(work)
+    assert max_sensitivity(work.plant, found.settings)[0] <= 2.0 + 1e-6
+    assert margins(work.plant, found.settings).gain_margin > 1.5
+
+
 def test_lowest_sensitivity_is_the_border_of_the_feasible():
     work = task(build(two_mass_plant("heavy"), Wiring()), criterion("IAE"), Limits(1.01))
     lowest = lowest_sensitivity(work)

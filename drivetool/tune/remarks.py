@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from drivetool.drive.chain import Drive
@@ -77,18 +78,20 @@ def of_design(drive: Drive, design: Design, options: TuneOptions) -> list[Findin
     prefix = f"{name}: " if len(design.wiring.motors) > 1 else ""
     spread, limit = design.spread, options.limits.sensitivity
     if spread and options.confidence is None and spread.quantiles["max_sensitivity"]["0.95"] > SLIGHT * limit:
+        high = spread.quantiles["max_sensitivity"]["0.95"]
+        stays = f"; in 95 % it stays below {high:.3g}" if isfinite(high) else ""
         found.append(Finding(
             "warning", "limit-uncertain",
             f"{prefix}Ms exceeds {limit:g} in {100 * spread.above_limit:.0f} % of the drives that the parameters' "
-            f"uncertainty allows; in 95 % it stays below {spread.quantiles['max_sensitivity']['0.95']:.3g}.",
-            {"above_limit": spread.above_limit, "ms_95": spread.quantiles["max_sensitivity"]["0.95"]},
+            f"uncertainty allows{stays}.", {"above_limit": spread.above_limit, "ms_95": high},
             "Tune with --confidence 0.95."))
     if spread and spread.unstable:
         found.append(Finding(
             "warning", "unstable-draws",
             f"{prefix}The loop is unstable for {spread.unstable} of "
             f"{spread.draws - spread.unphysical} drives that the parameters' uncertainty allows.",
-            {"unstable": spread.unstable}, "Tune with --confidence, or identify the drive more closely."))
+            {"unstable": spread.unstable}, "Identify the drive more closely, or tune with " + (
+                "a higher --confidence." if options.confidence else "--confidence.")))
     if design.kept is not None and design.kept < (options.confidence or 0.0) - 0.05:
         found.append(Finding(
             "warning", "confidence-missed",

@@ -98,9 +98,10 @@ def plant(drive: Drive, wiring: Wiring) -> Plant:
     grid = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)))]
     for mode in resonances(drive):
         width = np.clip(mode.damping_ratio, 1e-5, 0.5)
-        off = width * np.sinh(np.linspace(0.0, np.arcsinh(0.3 / width), 30))
+        # Not the pole itself: without damping there is no response there.
+        off = width * np.sinh(np.linspace(1e-3, np.arcsinh(0.3 / width), 30))
         centre = 2.0 * np.pi * mode.frequency_hz
-        grid += [centre * (1.0 + off), centre * (1.0 - off[1:])]
+        grid += [centre * (1.0 + off), centre * (1.0 - off)]
     return Plant(drive, wiring, _apart(np.concatenate(grid)), mechanics(drive, wiring))
 
 
