@@ -235,3 +235,17 @@ def test_wrong_words_give_one_clear_sentence(folder, call, words, code, message)
     if code == 1:
         assert out == "" and err.count("\n") == 1 and err.startswith(f"drivetool {words[0]}: error: ")
     assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_ratings_and_speed_filter_are_carried_by_every_step(folder):
+    """What a person adds to a parameter file is in the file of the next step."""
+    from drivetool.drive.chain import two_mass
+    from drivetool.files.parameter_file import load_parameters
+    from drivetool.files.result_file import dump, estimate_file
+    from drivetool.identify.estimate import Estimate
+
+    loaded = load_parameters(["drive.yaml", "ratings.yaml"])
+    estimate = Estimate("greybox", loaded.drive(), (), "converged", {})
+    (folder / "next.yaml").write_text(dump(estimate_file(estimate, loaded.inputs, loaded.carried)))
+    after = load_parameters(["next.yaml"])
+    assert after.ratings(two_mass()) == pytest.approx((100e3, 630 * np.pi / 30)) and after.speed_filter == 0.001

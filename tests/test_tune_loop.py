@@ -57,7 +57,7 @@ def test_criteria_and_factors_against_a_fine_time_simulation(name):
     np.testing.assert_allclose(signals(loop, at, ["load_speed"])["load_speed"].at(time), e, atol=2e-5 * load.peak)
     drop = np.abs(np.concatenate([[0.0], np.cumsum((e[1:] + e[:-1]) / 2) * h])).max()
     sums = {"IAE": np.trapezoid(np.abs(e), dx=h), "IE": abs(np.trapezoid(e, dx=h)), "ISE": np.trapezoid(e**2, dx=h),
-            "ITSE": np.trapezoid((time * e) ** 2, dx=h), "IT3SE": np.trapezoid((time**3 * e) ** 2, dx=h)}
+            "ITSE": np.trapezoid(time * e**2, dx=h), "IT6SE": np.trapezoid(time**6 * e**2, dx=h)}
     for kind, wanted in sums.items():
         assert value(loop, criterion(kind), at) == pytest.approx(wanted, rel=1e-4), kind
     assert load.impact_drop == pytest.approx(drop, rel=1e-4)
@@ -95,9 +95,9 @@ def test_closed_forms_and_lyapunov(name):
     b, c, x = a * scale[None, :].T / scale, row / scale, away * scale
     p = solve_continuous_lyapunov(b.T, -np.outer(c, c))
     assert found.load.ise == pytest.approx(x @ p @ x, rel=1e-6)
-    for _ in range(2):
+    for power, name in enumerate(("ITSE", "IT2SE"), 1):
         p = solve_continuous_lyapunov(b.T, -p)
-    assert value(loop, criterion("ITSE"), at) == pytest.approx(2 * x @ p @ x, rel=1e-5)
+        assert value(loop, criterion(name), at) == pytest.approx(power * x @ p @ x, rel=1e-5)
 
 
 @pytest.mark.parametrize("name", AT)
@@ -140,7 +140,7 @@ def drives(least_load=0.2):
                      number(200.0, 2000.0))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(drives(), st.floats(0.01, 0.5), st.floats(1.3, 3.0))
 def test_allowed_gains_are_those_that_keep_the_limit(drive, integral_time, limit):
     loop = build(drive, Wiring())
@@ -163,7 +163,7 @@ def test_a_lower_limit_never_lowers_the_criterion(drive, kind):
 
 
 @pytest.mark.fuzz
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IE"]))
 def test_a_lower_limit_never_lowers_the_criterion_at_length(drive, kind):
     lowering(drive, kind)
@@ -185,10 +185,10 @@ def test_no_point_of_a_plane_is_better_than_the_optimum(drive, kind):
 
 
 @pytest.mark.fuzz
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IT2SE"]))
 def test_no_point_of_a_dense_plane_is_better_than_the_optimum(drive, kind):
-    dense_plane(drive, kind, 120)
+    dense_plane(drive, kind, 80)
 
 
 def dense_plane(drive, kind, points):
@@ -254,7 +254,7 @@ def test_lowest_sensitivity_is_the_border_of_the_feasible():
     assert feasible(lowest) and not feasible(1.0 + 0.9 * (lowest - 1.0) / 1.0 - 0.01)
 
 
-@pytest.mark.parametrize("name, weights", [("IEE", {}), ("IT13SE", {}), ("IAE", {"load_speed": 0.0}),
+@pytest.mark.parametrize("name, weights", [("IEE", {}), ("IT17SE", {}), ("IAE", {"load_speed": 0.0}),
                                            ("IAE", {"motor_speed": -1.0})])
 def test_what_is_no_criterion(name, weights):
     with pytest.raises(BadOption):

@@ -58,7 +58,7 @@ def test_unphysical_draws_are_left_out_and_counted():
 def test_correlation_matters_and_is_kept():
     at = Settings(1968.0, 0.0554)
     alone = Covariance(COVARIANCE.names, np.diag(np.diag(COVARIANCE.matrix)))
-    wide, narrow = (spread(draw(HEAVY, c, 300, 1), Wiring(), at, 2.0).samples["max_sensitivity"].std()
+    wide, narrow = (spread(draw(HEAVY, c, 150, 1), Wiring(), at, 2.0).samples["max_sensitivity"].std()
                     for c in (alone, COVARIANCE))
     assert narrow < 0.9 * wide
 

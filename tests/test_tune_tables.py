@@ -40,6 +40,16 @@ def test_optimum_of_table_3_2_is_reached(row):
     assert max_sensitivity(work.plant, found.settings)[0] <= 2.0 + 1e-6
 
 
+def test_time_weighted_optimum_of_figure_3_8():
+    """Without a limit; the printed minimum, its integral time, and that it is not robust."""
+    loop = build(two_mass_plant("heavy"), Wiring(dead_time=PRINTED))
+    work = task(loop, criterion("IT8SE"), Limits(50.0))
+    found = optimum(work)
+    assert found.value == pytest.approx(1.1e-17, abs=0.05e-17)
+    assert found.settings.integral_time == pytest.approx(0.075, abs=0.001)
+    assert max_sensitivity(work.plant, found.settings)[0] > 2.0
+
+
 @pytest.mark.parametrize("column", TABLES_4, ids=lambda c: f"{c.plant}-{c.configuration}")
 def test_column_of_the_tandem_tables_at_its_own_gains(column):
     loop = build(tandem(column.plant), Wiring(column.configuration, MOTORS, dead_time=PRINTED))

@@ -136,7 +136,7 @@ def _criterion(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
     if power is None:
         return shapes.Figure(value=design.value, unit=f"{q}/{t}", per_unit=scale and design.value * scale,
                              per_unit_unit="% s" if scale else "")
-    time = f"s^{2 * power + 1}" if power else "s"
+    time = f"s^{power + 1}" if power else "s"
     return shapes.Figure(value=design.value, unit=f"({q}/s)^2 {time}/{t}^2",
                          per_unit=scale and design.value * scale**2, per_unit_unit=f"%^2 {time}" if scale else "")
 

@@ -18,7 +18,18 @@ from drivetool.tune.nonlinear import has_gap
 from drivetool.tune.pictures import pictures
 from drivetool.tune.robust import robust_optimum, share_kept
 from drivetool.tune.scenarios import Draws, draw, joint, spread
-from drivetool.tune.search import Found, Limits, Task, check_finite, lowest_sensitivity, optimum, task
+from drivetool.tune.search import (
+    Found,
+    Limits,
+    Task,
+    allowed,
+    check_finite,
+    lowest_sensitivity,
+    optimum,
+    shapes_of,
+    task,
+)
+from drivetool.tune.sensitivity import max_sensitivity
 from drivetool.tune.variations import study
 
 FRESH = 7919  # added to the seed for draws that a robust design has not seen
@@ -106,8 +117,6 @@ def _design(drive: Drive, wiring: Wiring, options: TuneOptions, draws: Draws | N
 
 def _active(nominal: Task, found: Found, options: TuneOptions) -> str:
     """What holds the optimum where it is."""
-    from drivetool.tune.sensitivity import max_sensitivity
-
     if found.settings.gain >= options.limits.gain * (1.0 - 1e-6):
         return "gain"
     if max_sensitivity(nominal.plant, found.settings)[0] >= options.limits.sensitivity * (1.0 - 1e-4):
@@ -144,7 +153,5 @@ def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> Bad
 
 def _least_gain(free: Task) -> float | None:
     """The least gain that the sensitivity limit allows at any integral time."""
-    from drivetool.tune.search import allowed, shapes_of
-
     ends = [allowed(free, *shape) for shape in shapes_of(free)]
     return min((float(each[0, 0]) for each in ends if len(each)), default=None)

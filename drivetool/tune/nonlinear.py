@@ -16,7 +16,7 @@ from drivetool.drive.chain import Drive
 from drivetool.drive.linearise import MOTOR
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.drive.system import System
-from drivetool.tune.loop import Loop, Settings
+from drivetool.tune.loop import Loop, Settings, mechanics
 
 REFERENCE, LOAD = 0, 1  # columns of the inputs
 
@@ -104,7 +104,7 @@ def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...
     nm, n = plain.nx, len(loop.a)
     closed = loop.matrix(settings)
     control = closed[:nm].copy()
-    control[:, :nm] -= _mechanical(loop)
+    control[:, :nm] -= mechanics(loop.drive, loop.wiring)[0]
     mass = np.vstack([plain.mass, np.ones((n - nm, 1))])
     rows = np.zeros((n, n + 3, 1))
     rows[:nm, :nm, 0] = plain.rows[:, :nm, 0]
@@ -118,10 +118,3 @@ def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...
     read = np.zeros((plain.ny, n, 1))
     read[:, :nm] = plain.outputs
     return plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2, ns=n)
-
-
-def _mechanical(loop: Loop) -> np.ndarray:
-    """(nm, nm) of the chain alone."""
-    from drivetool.tune.loop import mechanics
-
-    return mechanics(loop.drive, loop.wiring)[0]
