@@ -10,16 +10,20 @@ from drivetool.cli.outcomes import exit_code, say
 
 if TYPE_CHECKING:
     from drivetool.cli.inputs import Job
+    from drivetool.files.gains_shapes import GainsFile
     from drivetool.files.shapes import ParameterFile, ValidationFile
     from drivetool.identify.estimate import Exhibit
     from drivetool.logs.experiment import Experiment
 
+    Written = ParameterFile | ValidationFile | GainsFile
 
-def deliver(job: Job, file: ParameterFile | ValidationFile, exhibits: Sequence[Exhibit]) -> int:
+
+def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool = False) -> int:
     """Write, print and draw; the exit code.
 
     file      what the step writes
     exhibits  what the pictures show
+    per_unit  whether the table of gains is per unit
     """
     from drivetool.files.result_file import dump
     from drivetool.files.write import write_whole
@@ -32,16 +36,16 @@ def deliver(job: Job, file: ParameterFile | ValidationFile, exhibits: Sequence[E
     elif job.out == "-" or (job.out is None and not terminal):
         sys.stdout.write(dump(file))
     elif terminal:
-        print_table(file)
+        print_table(file, per_unit)
     sys.stdout.flush()
-    pictures = draw(job, exhibits, [entry.file for entry in file.data])
+    pictures = draw(job, exhibits, [entry.file for entry in getattr(file, "data", ())])
     passed = getattr(file, "passed", True)
     if not job.quiet:
         _talk(job, file, pictures)
     return exit_code((finding.severity for finding in file.findings), passed, job.strict)
 
 
-def print_table(file: ParameterFile | ValidationFile) -> None:
+def print_table(file: Written, per_unit: bool = False) -> None:
     """The table of a file on standard output."""
     from rich.console import Console
 
@@ -53,6 +57,10 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
         from drivetool.files.inspection import print_inspection
 
         print_inspection(file, console)
+    elif hasattr(file, "designs"):
+        from drivetool.files.gains_table import print_gains
+
+        print_gains(file, console, per_unit)
     elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
         return
@@ -68,7 +76,7 @@ def print_table(file: ParameterFile | ValidationFile) -> None:
     tables.print_estimate(file, console)
 
 
-def print_findings(file: ParameterFile | ValidationFile, stderr: bool = True) -> None:
+def print_findings(file: Written, stderr: bool = True) -> None:
     """The findings of a file, worst first."""
     from rich.console import Console
 
@@ -94,7 +102,7 @@ def draw_recordings(job: Job, experiments: Sequence[Experiment]) -> None:
         draw(job, [exhibit_of(each) for each in experiments], [each.name for each in experiments])
 
 
-def _talk(job: Job, file: ParameterFile | ValidationFile, pictures: Sequence[str]) -> None:
+def _talk(job: Job, file: Written, pictures: Sequence[str]) -> None:
     """Findings, how it ended and what was written."""
     print_findings(file)
     outcome = getattr(file, "outcome", "") or getattr(file, "verdict", "")

@@ -85,7 +85,7 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
     elif job.drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
-    return drive.with_values(dict(_start(word, drive) for word in job.set))
+    return drive.with_values(dict(start_value(word, drive) for word in job.set))
 
 
 def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -112,7 +112,7 @@ def _shape(job: Job) -> Loaded | None:
     return shape
 
 
-def _start(word: str, drive: Drive) -> tuple[str, float]:
+def start_value(word: str, drive: Drive) -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
     from drivetool.files import units
 

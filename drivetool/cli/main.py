@@ -22,13 +22,14 @@ from drivetool.cli import (
     simulate,
     spectra,
     steady,
+    tune,
     validate,
 )
 
 # In the order in which they are used.
 COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
             "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
-            "diagnose": diagnose, "simulate": simulate,
+            "diagnose": diagnose, "simulate": simulate, "tune": tune,
             "effects": effects, "show": show}
 
 app = typer.Typer(
@@ -53,7 +54,7 @@ def _drivetool(
     """From recordings of electric drives to parameters with honest uncertainties.
 
     A chain of steps, each reading the file of the one before:
-    steady, blackbox, greybox, backlash, validate, diagnose.
+    steady, blackbox, greybox, backlash, validate, diagnose, tune.
 
     Exit codes: 0 done; 1 failed; 2 usage; 3 done, but with a failure finding or a missed bar.
     """

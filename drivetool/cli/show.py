@@ -10,7 +10,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import print_findings, print_table
 from drivetool.cli.outcomes import DONE, guarded
 
-HELP = "The table of a parameter or validation file."
+HELP = "The table of a parameter, validation or gains file."
 
 
 def command(

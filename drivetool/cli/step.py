@@ -92,4 +92,4 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     if job.condition:
         used["condition"] = list(job.condition)
     estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))
-    return deliver(job, estimate_file(estimate, opened.inputs), estimate.exhibits)
+    return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -27,12 +27,18 @@ Segment = Annotated[float, typer.Option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
 
+GainsPath = Annotated[str | None, typer.Option(
+    "--gains", metavar="FILE", help="Gains that tune wrote: replay the closed loop on a record of a load step.")]
+Configuration = Annotated[str | None, typer.Option(
+    "--configuration", metavar="NAME", help="Which design of the gains file; default the best.")]
+
 
 def command(
     logs: cli.Logs, params: cli.Models, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     segment: Segment = 0.0, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
+    gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> None:
@@ -42,9 +48,24 @@ def command(
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
 
-        return run(job, ValidateOptions(min_fit, max_correlation, segment, seed))
+        asked = ValidateOptions(min_fit, max_correlation, segment, seed)
+        return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
 
     guarded("validate", work, debug)
+
+
+def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
+    """Replay tuned gains; the exit code."""
+    from drivetool.cli.replay import replay_gains
+    from drivetool.files.result_file import validation_file
+
+    opened = open_all(job)
+    models = [(source.name, source.sha256, drive_for(job, opened, replace(opened.loaded, sources=(source,))))
+              for source in opened.loaded.sources]
+    validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
+    validation = replace(validation, options=asdict(options) | {"gains": entry[0], "configuration": configuration},
+                         findings=findings(opened, validation.findings))
+    return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
 def run(job: Job, options: ValidateOptions) -> int:

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from drivetool.errors import BadParameters, nearest
-from drivetool.files import shapes
+from drivetool.files import gains_shapes, shapes
 
 Shape = TypeVar("Shape", bound=shapes.Shape)
 
@@ -17,8 +17,9 @@ _EXPECTED = re.compile(
 _PLACE = re.compile(r" - at `\$\.?(?P<path>.*)`$")
 _WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
           "array": "list", "bool": "true or false"}
-_SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection}
-_SECTIONS["diagnosis"] = shapes.DiagnosisSection
+_SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection,
+             "ratings": shapes.RatingsSection, "controller": shapes.ControllerSection,
+             "diagnosis": shapes.DiagnosisSection}
 _LISTS = {"findings": shapes.FindingSection, "data": shapes.FileSection, "inputs": shapes.FileSection}
 
 
@@ -60,6 +61,15 @@ def analysis_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
     return _convert(raw, shape, name, "")
 
 
+def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
+    """The typed gains file; BadParameters as above."""
+    if raw.get("schema") != gains_shapes.GAINS_SCHEMA:
+        raise BadParameters(f"schema {gains_shapes.GAINS_SCHEMA}", f"{raw.get('schema') or 'no schema'} in {name}",
+                            "Give the file that tune wrote.")
+    _known_keys(raw, gains_shapes.GainsFile, name, "")
+    return _convert(raw, gains_shapes.GainsFile, name, "", "gains")
+
+
 def _schema(raw: dict[Any, Any], name: str) -> None:
     """The first key says what kind of file this is and how old."""
     wanted, found = shapes.PARAMETERS_SCHEMA, raw.get("schema")
@@ -89,8 +99,8 @@ def _section(raw: Any, shape: type[Shape], name: str, where: str) -> None:
     _convert(raw, shape, name, where)
 
 
-def _convert(raw: Any, shape: type[Shape], name: str, where: str) -> Shape:
-    """msgspec does the checking; its message becomes our sentence."""
+def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> Shape:
+    """msgspec does the checking; its message becomes our sentence; form: the schema's name."""
     try:
         return msgspec.convert(raw, shape)
     except msgspec.ValidationError as error:
@@ -109,7 +119,7 @@ def _convert(raw: Any, shape: type[Shape], name: str, where: str) -> Shape:
         else:
             wanted, found = "the file to follow its schema", _PLACE.sub("", text)
         raise BadParameters(f"{wanted}{f' at {place}' if place else ''}", f"{found} in {name}",
-                            "Correct the file; schemas/parameters.json has its full form.") from None
+                            f"Correct the file; schemas/{form}.json has its full form.") from None
 
 
 def _choices(shape: type[Shape], path: str) -> tuple[str, ...]:

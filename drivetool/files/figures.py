@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivetool.files.inspect_picture import panels
+from drivetool.files.look import BLUE, CYCLE, GREY, INK, ORANGE, RED
 from drivetool.files.plots import decimated
 
 if TYPE_CHECKING:
@@ -18,17 +19,6 @@ if TYPE_CHECKING:
 
     Curve = tuple[np.ndarray, np.ndarray]
 
-GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
-_CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
-STYLE: dict[str, Any] = {
-    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold",
-    "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
-    "axes.edgecolor": "#5c6269", "axes.labelcolor": INK, "text.color": INK, "grid.color": "#e3e6e9",
-    "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": "#5c6269", "ytick.color": "#5c6269",
-    "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
-    "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
-}
-
 
 def figure(exhibit: Exhibit) -> Figure:
     """The picture of an exhibit; a kind nobody knows is drawn as lines."""
@@ -36,6 +26,10 @@ def figure(exhibit: Exhibit) -> Figure:
         from drivetool.files import report_figures
 
         return report_figures.figure(exhibit)
+    if not hasattr(exhibit, "curves") or exhibit.kind.endswith(("nichols", "sensitivity")):
+        from drivetool.files.tune_figures import KINDS
+
+        return next(draw for kind, draw in KINDS.items() if exhibit.kind.endswith(kind))(exhibit)
     return _KINDS.get(exhibit.kind, _lines)(exhibit)
 
 
@@ -132,7 +126,7 @@ def _profile(exhibit: Exhibit) -> Figure:
 def _starts(exhibit: Exhibit) -> Figure:
     """Where each start ended."""
     drawn, axis = _one(exhibit)
-    for (label, (x, y)), colour in zip(exhibit.curves.items(), _CYCLE, strict=False):
+    for (label, (x, y)), colour in zip(exhibit.curves.items(), CYCLE, strict=False):
         axis.plot(x, y, "o", color=colour, markersize=5, alpha=0.8, label=label)
     _legend(axis)
     return drawn
@@ -185,7 +179,7 @@ def _response(exhibit: Exhibit) -> Figure:
 def _lines(exhibit: Exhibit) -> Figure:
     """Every curve as a line."""
     drawn, axis = _one(exhibit)
-    for (label, curve), colour in zip(exhibit.curves.items(), _CYCLE * 9, strict=False):
+    for (label, curve), colour in zip(exhibit.curves.items(), CYCLE * 9, strict=False):
         _line(axis, label, curve, color=colour)
     _legend(axis)
     return drawn

@@ -15,11 +15,12 @@ import msgspec
 from drivetool.drive.chain import KNOWN_DRIVES, TOTALS, Drive, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
+from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
 from drivetool.files.text import from_yaml
 from drivetool.identify.estimate import Covariance
 
 Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
-          | analysis_shapes.ComparisonFile)
+          | analysis_shapes.ComparisonFile | GainsFile)
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,40 @@ class Loaded:
             return Covariance(tuple(section.names), matrix)
         return None
 
+    def stds(self, drive: Drive) -> dict[str, float]:
+        """Standard deviations that the files state, in the units of `drive`; of the last file that has a value."""
+        found: dict[str, float] = {}
+        for source in self.sources:
+            for name, entry in source.file.parameters.items():
+                found.pop(name, None)
+                if isinstance(entry, shapes.ParameterSection) and entry.std:
+                    found[name] = entry.std * _factor(drive, name, entry.unit, source.name)
+        return found
+
+    def ratings(self, drive: Drive) -> tuple[float, float] | None:
+        """(torque, speed) that 100 % stands for, in the units of `drive`; of the last file that has them."""
+        for source in reversed(self.sources):
+            section = source.file.ratings
+            if section is not None:
+                return (_measure(section.torque, drive.torque_unit, "ratings.torque", source.name),
+                        _measure(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
+        return None
+
+    @property
+    def carried(self) -> dict[str, shapes.Shape]:
+        """Sections that no estimator changes and every file takes over."""
+        found = {key: [getattr(source.file, key) for source in self.sources] for key in ("ratings", "controller")}
+        return {key: last for key, each in found.items() for last in [s for s in each if s is not None][-1:]}
+
+    @property
+    def speed_filter(self) -> float:
+        """Time constant of the speed measurement's filter [s]; 0 where no file has one."""
+        for source in reversed(self.sources):
+            section = source.file.controller
+            if section is not None and section.speed_filter is not None:
+                return _measure(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
+        return 0.0
+
     def _last(self, key: str) -> Mapping:
         """A section of the last file that has anything there."""
         found = [getattr(source.file, key) for source in self.sources]
@@ -145,6 +180,8 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
         return checked.validation_file(raw, name)
     if raw.get("schema") in analysis_shapes.KINDS:
         return checked.analysis_file(raw, analysis_shapes.KINDS[raw["schema"]], name)
+    if raw.get("schema") == GAINS_SCHEMA:
+        return checked.gains_file(raw, name)
     loaded = Loaded((_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
 
@@ -247,6 +284,15 @@ def _factor(drive: Drive, parameter: str, unit: str | None, name: str) -> float:
     with _naming(name):
         wanted = drive.unit(parameter)
         return 1.0 if unit is None else units.factor(unit, wanted, parameter)
+
+
+def _measure(section: shapes.MeasureSection, unit: str, what: str, name: str, least: float = 1e-300) -> float:
+    """A number of the file in a unit; above zero unless `least` says otherwise."""
+    with _naming(name):
+        value = section.value * units.factor(section.unit, unit, what)
+    if not least <= value < float("inf"):
+        raise BadParameters(f"{what} above zero", f"{section.value:g} {section.unit} in {name}", "Correct it.")
+    return value
 
 
 @contextmanager

@@ -62,7 +62,8 @@ def png(exhibit: Exhibit) -> bytes:
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from drivetool.files.figures import STYLE, figure
+    from drivetool.files.figures import figure
+    from drivetool.files.look import STYLE
 
     with rc_context(STYLE):
         drawn = figure(exhibit)

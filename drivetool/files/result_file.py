@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any, Literal
 
@@ -36,7 +36,7 @@ def dump_validation(validation: Validation, inputs: Inputs = (), form: Form = "y
     return dump(validation_file(validation, inputs), form)
 
 
-def dump(file: shapes.ParameterFile | shapes.ValidationFile, form: Form = "yaml") -> str:
+def dump(file: shapes.Shape, form: Form = "yaml") -> str:
     """A file as text, keys in the order of its type."""
     document = msgspec.to_builtins(file)
     if document.get("diagnosis", "") is None:  # only diagnose has something to say there
@@ -44,8 +44,12 @@ def dump(file: shapes.ParameterFile | shapes.ValidationFile, form: Form = "yaml"
     return to_json(document) if form == "json" else to_yaml(document)
 
 
-def estimate_file(estimate: Estimate, inputs: Inputs = ()) -> shapes.ParameterFile:
-    """The parameter file of an estimate, every value of its drive included."""
+def estimate_file(estimate: Estimate, inputs: Inputs = (),
+                  carried: Mapping[str, shapes.Shape] | None = None) -> shapes.ParameterFile:
+    """The parameter file of an estimate, every value of its drive included.
+
+    carried  sections of the files that were read which no estimator changes: ratings, controller
+    """
     drive = estimate.drive
     parameters = {p.name: parameter_section(_told_apart(p, drive)) for p in estimate.parameters}
     for name, value in drive.values.items():
@@ -55,22 +59,23 @@ def estimate_file(estimate: Estimate, inputs: Inputs = ()) -> shapes.ParameterFi
                 name, value, drive.unit(name), status="held", reason="taken over, not used in this step"))
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
-        schema=shapes.PARAMETERS_SCHEMA, tool=_tool(), step=estimate.step, outcome=estimate.outcome,
+        schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
-        fit=plain(estimate.fit), findings=_findings(estimate.findings),
-        covariance=_covariance(estimate.covariance), noise=plain(estimate.noise),
-        details=plain(estimate.details), data=_files(estimate.data), inputs=_files(inputs),
+        fit=plain(estimate.fit), findings=finding_sections(estimate.findings),
+        covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
+        details=plain(estimate.details), data=file_sections(estimate.data), inputs=file_sections(inputs),
         options=plain(estimate.options))
 
 
 def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:
     """The validation file: passed means every check met every bar that was set."""
     return shapes.ValidationFile(
-        schema=shapes.VALIDATION_SCHEMA, tool=_tool(), step="validate", verdict=validation.verdict,
+        schema=shapes.VALIDATION_SCHEMA, tool=tool_section(), step="validate", verdict=validation.verdict,
         passed=all(check.passed for check in validation.checks),
         checks=[shapes.CheckSection(**plain(asdict(check))) for check in validation.checks],
-        findings=_findings(validation.findings), data=_files(validation.data), inputs=_files(inputs),
+        findings=finding_sections(validation.findings), data=file_sections(validation.data),
+        inputs=file_sections(inputs),
         options=plain(validation.options))
 
 
@@ -125,18 +130,18 @@ def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | Non
     return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
 
 
-def _findings(findings: Iterable[Finding]) -> list[shapes.FindingSection]:
+def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]:
     """In the order in which they were found."""
     return [shapes.FindingSection(
         severity=f.severity, code=f.code, text=f.text, evidence=plain(f.evidence), action=f.action)
         for f in findings]
 
 
-def _files(pairs: Iterable[tuple[str, str]]) -> list[shapes.FileSection]:
+def file_sections(pairs: Iterable[tuple[str, str]]) -> list[shapes.FileSection]:
     """(name, sha256) pairs as sections."""
     return [shapes.FileSection(file=name, sha256=digest) for name, digest in pairs]
 
 
-def _tool() -> shapes.Tool:
+def tool_section() -> shapes.Tool:
     """This program."""
     return shapes.Tool(name="drivetool", version=drivetool.__version__)

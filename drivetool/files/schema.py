@@ -9,11 +9,13 @@ from pathlib import Path
 import msgspec
 
 from drivetool.files import analysis_shapes, shapes
+from drivetool.files.gains_shapes import GainsFile
 from drivetool.files.write import write_whole
 
 TITLES = {
     "parameters": "drivetool parameter file",
     "validation": "drivetool validation file",
+    "gains": "drivetool gains file",
     "channel-map": "drivetool channel map",
     "inspection": "drivetool inspection of a log",
     "spectra": "drivetool spectra file",
@@ -28,7 +30,7 @@ def schemas() -> dict[str, str]:
 
     types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
              "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
-             "comparison": analysis_shapes.ComparisonFile}
+             "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile}
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
 
 

@@ -166,6 +166,27 @@ class DiagnosisSection(Shape):
     rounds: list[RoundSection] = []
 
 
+class MeasureSection(Shape):
+    """A number with its unit."""
+
+    value: float
+    unit: str
+
+
+class RatingsSection(Shape):
+    """What 100 % stands for; the base of per-unit figures."""
+
+    torque: MeasureSection
+    speed: Annotated[MeasureSection, Meta(description="of the first motor")]
+
+
+class ControllerSection(Shape):
+    """What is known of the controller that the drive will get."""
+
+    speed_filter: Annotated[
+        MeasureSection | None, Meta(description="time constant of the speed measurement's filter")] = None
+
+
 class ParameterFile(Shape):
     """What every step writes and the next one reads; a person may edit or write it."""
 
@@ -181,6 +202,8 @@ class ParameterFile(Shape):
     findings: list[FindingSection] = []
     covariance: CovarianceSection | None = None
     diagnosis: DiagnosisSection | None = None
+    ratings: RatingsSection | None = None
+    controller: ControllerSection | None = None
     noise: dict[str, float | None] = {}
     details: Annotated[Plain, Meta(description="what else the step found")] = {}
     data: Annotated[list[FileSection], Meta(description="recordings")] = []

@@ -1,0 +1,16 @@
+"""Colours and style that all pictures share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
+CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 10.5, "axes.titleweight": "bold",
+    "axes.titlelocation": "left", "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "axes.edgecolor": "#5c6269", "axes.labelcolor": INK, "text.color": INK, "grid.color": "#e3e6e9",
+    "grid.linewidth": 0.7, "axes.axisbelow": True, "xtick.color": "#5c6269", "ytick.color": "#5c6269",
+    "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
+    "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
+}

@@ -1,0 +1,157 @@
+"""From an identified drive to controller settings: the whole of `drivetool tune`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, BadParameters, Finding, nearest
+from drivetool.tune import remarks
+from drivetool.tune.factors import factors
+from drivetool.tune.gains import Design, Gains, TuneOptions
+from drivetool.tune.hunting import safe_gain, watch
+from drivetool.tune.loop import Configuration, Wiring, build, check_wiring
+from drivetool.tune.margins import margins
+from drivetool.tune.nonlinear import has_gap
+from drivetool.tune.pictures import pictures
+from drivetool.tune.robust import robust_optimum, share_kept
+from drivetool.tune.scenarios import Draws, draw, joint, spread
+from drivetool.tune.search import (
+    Found,
+    Limits,
+    Task,
+    allowed,
+    check_finite,
+    lowest_sensitivity,
+    optimum,
+    shapes_of,
+    task,
+)
+from drivetool.tune.sensitivity import max_sensitivity
+from drivetool.tune.variations import study
+
+FRESH = 7919  # added to the seed for draws that a robust design has not seen
+
+
+def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gains:
+    """The best settings of a speed controller for steps of load torque.
+
+    drive          identified; inertias and stiffnesses known
+    draw_pictures  whether exhibits are worked out, which takes longer than the design
+    returns        Gains with one Design per configuration
+    raises         BadParameters: a value is missing, nothing limits the gain, a configuration that
+                   does not fit the drive; BadOption: limits that no settings keep
+    source         Tallfors 2005, ch. 2 to 4
+    """
+    if not options.limits.sensitivity > 1.0:
+        raise BadOption("a limit of the sensitivity above 1", f"{options.limits.sensitivity:g}",
+                        "No loop that controls anything stays below; 1.4 to 2 is usual.")
+    if not options.limits.gain > 0.0:
+        raise BadOption("a largest gain above zero", f"{options.limits.gain:g}", "Correct --max-gain.")
+    if options.confidence is not None and not 0.0 < options.confidence < 1.0:
+        raise BadOption("a confidence between 0 and 1", f"{options.confidence:g}", "Write for example 0.95.")
+    drive.require(drive.missing(), "a controller")
+    chosen, notes = wirings(drive, options)
+    known = ("load_speed", "motor_speed", *(f"{motor}_torque" for motor in chosen[0].motors))
+    for name in options.criterion.weights:
+        if name not in known:
+            raise BadOption("weights of signals of this drive", f"'{name}'", nearest(name, known), known)
+    covariance = joint(drive, options.known, options.stds)
+    draws = draw(drive, covariance, options.draws, options.seed) if covariance else None
+    if options.confidence is not None and draws is None:
+        raise BadParameters("standard deviations or a covariance for a design with --confidence",
+                            "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
+    designs = tuple(_design(drive, wiring, options, draws) for wiring in chosen)
+    findings = (*notes, *remarks.uncertainty(drive, options, covariance, draws),
+                *(f for each in designs for f in remarks.of_design(drive, each, options)))
+    gains = Gains(drive, designs, options, remarks.outcome(drive, designs, options), findings)
+    return replace(gains, exhibits=pictures(gains, draws)) if draw_pictures else gains
+
+
+def wirings(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tuple[Finding, ...]]:
+    """The configurations to design, and what had to be left out."""
+    motors = options.motors or tuple(
+        b for k, b in enumerate(drive.bodies) if k == 0 or (b.startswith("motor") and k < len(drive.bodies) - 1))
+    wanted: tuple[Configuration, ...] = options.configurations or (
+        ("siso", "miso", "mimo") if len(motors) == 2 and len(drive.bodies) > 2 else ("siso",))
+    notes: tuple[Finding, ...] = ()
+    if "mimo" in wanted and not options.shaft_torque:
+        role = "shaft torque"
+        if options.configurations and "mimo" in options.configurations:
+            raise BadParameters(
+                f"a measured {role} for the feedback K3 of a mimo configuration", "no shaft_torque role",
+                "Name its channel as role shaft_torque in a channel map and give it with --map, "
+                "or leave mimo out.")
+        wanted = tuple(each for each in wanted if each != "mimo")
+        notes = (remarks.mimo_left_out(),)
+    found = tuple(Wiring(each, motors, options.speed_filter, options.dead_time) for each in wanted)
+    for wiring in found:
+        check_wiring(drive, wiring)
+    return found, notes
+
+
+def _design(drive: Drive, wiring: Wiring, options: TuneOptions, draws: Draws | None) -> Design:
+    """The optimum of one configuration and everything that is said about it."""
+    loop = build(drive, wiring)
+    nominal = task(loop, options.criterion, options.limits)
+    check_finite(nominal)
+    if options.confidence is None or draws is None:
+        found = optimum(nominal)
+    else:
+        found = robust_optimum(nominal, draws, options.confidence)
+    if found is None:
+        raise _infeasible(nominal, options, draws)
+    settings = found.settings
+    kept = None
+    if options.confidence is not None and draws is not None:
+        covariance = joint(drive, options.known, options.stds)
+        kept = share_kept(draw(drive, covariance, options.draws, options.seed + FRESH), nominal, settings)
+    return Design(
+        wiring, settings, found.value, _active(nominal, found, options), factors(loop, settings),
+        margins(nominal.plant, settings), study(drive, wiring, settings),
+        spread(draws, wiring, settings, options.limits.sensitivity) if draws else None, kept,
+        watch(loop, settings), safe_gain(loop, settings) if has_gap(drive) else None)
+
+
+def _active(nominal: Task, found: Found, options: TuneOptions) -> str:
+    """What holds the optimum where it is."""
+    if found.settings.gain >= options.limits.gain * (1.0 - 1e-6):
+        return "gain"
+    if max_sensitivity(nominal.plant, found.settings)[0] >= options.limits.sensitivity * (1.0 - 1e-4):
+        return "sensitivity"
+    return "nothing" if options.confidence is None else "confidence"
+
+
+def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> BadOption:
+    """Which limit cannot be kept, and the nearest that can."""
+    limits = options.limits
+    free = replace(nominal, limits=Limits(limits.sensitivity))
+    if np.isfinite(limits.gain) and (found := _least_gain(free)) is not None:
+        return BadOption(
+            f"settings with Kp up to {limits.gain:g} and Ms up to {limits.sensitivity:g}",
+            f"none; with this Ms limit the gain has to be at least {found:.4g}",
+            f"Raise --max-gain to {found:.3g} or the Ms limit.")
+    lowest = lowest_sensitivity(free)
+    if lowest > limits.sensitivity:
+        return BadOption(
+            f"settings with Ms up to {limits.sensitivity:g}", f"none; the nearest that some keep is {lowest:.3g}",
+            f"Give --max-sensitivity {lowest * 1.005:.3g} or more, or shorten the lags in the loop.")
+    for wider in (1.1, 1.25, 1.5, 2.0, 3.0, 5.0):
+        limit = 1.0 + (limits.sensitivity - 1.0) * wider
+        trial = replace(nominal, limits=replace(limits, sensitivity=limit))
+        if robust_optimum(trial, draws, options.confidence) is not None:
+            return BadOption(
+                f"settings with Ms up to {limits.sensitivity:g} in {100 * options.confidence:g} % of the draws",
+                f"none; {limit:.3g} can be kept", f"Give --max-sensitivity {limit:.3g}, a lower --confidence, "
+                "or identify the drive more closely.")
+    return BadOption(
+        f"settings with Ms up to {limits.sensitivity:g} in {100 * options.confidence:g} % of the draws",
+        f"none, nor up to {limit:.3g}", "The parameters are too uncertain; identify the drive more closely.")
+
+
+def _least_gain(free: Task) -> float | None:
+    """The least gain that the sensitivity limit allows at any integral time."""
+    ends = [allowed(free, *shape) for shape in shapes_of(free)]
+    return min((float(each[0, 0]) for each in ends if len(each)), default=None)

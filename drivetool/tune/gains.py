@@ -1,0 +1,103 @@
+"""What tune is asked and what it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+from drivetool.identify.estimate import Covariance
+from drivetool.tune.criteria import Criterion
+from drivetool.tune.factors import Factors
+from drivetool.tune.hunting import Watch
+from drivetool.tune.loop import Configuration, DeadTimeForm, Settings, Wiring
+from drivetool.tune.margins import Margins
+from drivetool.tune.scenarios import Spread
+from drivetool.tune.search import Limits
+from drivetool.tune.variations import Variation
+
+
+@dataclass(frozen=True)
+class Ratings:
+    """The base of per-unit figures: torque [drive's unit], speed of the first motor [drive's unit]."""
+
+    torque: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """What the settings have to do.
+
+    criterion        what is minimised; limits: what must hold
+    configurations   wanted; None: siso for one motor, for two all that can be built
+    motors           driven bodies; None: those whose name begins with motor
+    speed_filter     of the speed measurement [s]
+    dead_time        form of the dead time, see loop.Wiring
+    shaft_torque     whether the torque in the last shaft is measured, which mimo needs
+    confidence       share of the draws in which the sensitivity limit must hold; None: nominal
+    draws, seed      of the covariance
+    known, stds      covariance and single standard deviations of the parameters
+    ratings          None: no per-unit figures
+    """
+
+    criterion: Criterion = field(default_factory=Criterion)
+    limits: Limits = field(default_factory=Limits)
+    configurations: tuple[Configuration, ...] | None = None
+    motors: tuple[str, ...] | None = None
+    speed_filter: float = 0.0
+    dead_time: DeadTimeForm = "exact"
+    shaft_torque: bool = False
+    confidence: float | None = None
+    draws: int = 200
+    seed: int = 1
+    known: Covariance | None = None
+    stds: Mapping[str, float] = field(default_factory=dict)
+    ratings: Ratings | None = None
+
+
+@dataclass(frozen=True)
+class Design:
+    """One controller with what it does.
+
+    value       of the criterion, for a unit step of load torque
+    active      what the optimum rests on: sensitivity, gain, confidence, or nothing (interior)
+    spread      None where no parameter has an uncertainty
+    kept        share of fresh draws in which the limit holds; None without a robust design
+    watches     situations in which the nonlinear drive was kicked; empty if it is linear
+    safe_gain   largest Kp, at this Ti, that is stable at every stiffness a gap can pretend to; None
+                if there is no gap or the gain is below it
+    """
+
+    wiring: Wiring
+    settings: Settings
+    value: float
+    active: str
+    factors: Factors
+    margins: Margins
+    variations: tuple[Variation, ...]
+    spread: Spread | None = None
+    kept: float | None = None
+    watches: tuple[Watch, ...] = ()
+    safe_gain: float | None = None
+
+
+@dataclass(frozen=True)
+class Gains:
+    """The tuned controllers; several configurations of a tandem side by side.
+
+    options  as used
+    """
+
+    drive: Drive
+    designs: tuple[Design, ...]
+    options: TuneOptions
+    outcome: str
+    findings: tuple[Finding, ...] = ()
+    exhibits: tuple[object, ...] = ()
+
+    @property
+    def best(self) -> Design:
+        """The design with the least criterion."""
+        return min(self.designs, key=lambda each: each.value)

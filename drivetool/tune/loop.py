@@ -1,0 +1,286 @@
+"""The speed loop around a drive: a state space that is affine in the controller's settings.
+
+Deviations from steady running, contact closed. One motor: u = Kp (1 + 1/(s Ti)) (reference - speed).
+Two motors on one chain (Tallfors 2005, ch. 4), all judging by the speed of the first:
+
+    siso  one controller commands both
+    miso  the second has its own, Kp2 = K Kp, Ti2 = K Ti; equal shares at rest
+    mimo  the second gets a share of the torque measured in the last shaft; equal shares at rest
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import factorial
+from typing import Literal
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.drive.linearise import MOTOR, closed, state_space
+from drivetool.errors import BadParameters
+
+Configuration = Literal["siso", "miso", "mimo"]
+DeadTimeForm = Literal["exact", "zero"]
+PADE = 5  # order of the dead time in time responses; frequency responses have it exact
+SHARE = 0.5  # of the shaft torque that the second motor takes over
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """How the controller is joined to the drive.
+
+    configuration  see the module
+    motors         bodies with a motor of their own, the first one measured
+    speed_filter   time constant of the speed measurement's first-order filter [s]
+    dead_time      "exact": e^(-s td); "zero": the printed 1 - s td/2 (Tallfors 2005, 2.3), which
+                   is half the delay with a rising gain
+    """
+
+    configuration: Configuration = "siso"
+    motors: tuple[str, ...] = ("motor",)
+    speed_filter: float = 0.0
+    dead_time: DeadTimeForm = "exact"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is typed into the converter.
+
+    gain           Kp [torque/speed]; integral_time: Ti [s]
+    second         K of a second controller, Kp2 = K Kp and Ti2 = K Ti; not used elsewhere
+    """
+
+    gain: float
+    integral_time: float
+    second: float = 1.0
+
+
+@dataclass(frozen=True)
+class Loop:
+    """dx/dt = (a + Kp a_gain + Kp/Ti a_integral + Kp K a_second) x + b load torque.
+
+    rows     signal -> row over the state
+    command  (channels, n): what a command of each channel does; used for the speed reference
+    """
+
+    drive: Drive
+    wiring: Wiring
+    a: np.ndarray
+    a_gain: np.ndarray
+    a_integral: np.ndarray
+    a_second: np.ndarray
+    b: np.ndarray
+    rows: Mapping[str, np.ndarray] = field(default_factory=dict)
+    command: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def reference(self, settings: Settings) -> np.ndarray:
+        """(n,) what a speed reference does: dx/dt = ... + this times reference."""
+        found = np.eye(len(self.a))[-1] + settings.gain * self.command[0]
+        if self.wiring.configuration == "miso":
+            found = found + settings.gain * settings.second * self.command[1]
+        return found
+
+    def matrix(self, settings: Settings) -> np.ndarray:
+        """(n, n) of the closed loop."""
+        return self.matrices(*(np.array([v]) for v in (
+            settings.gain, settings.integral_time, settings.second)))[0]
+
+    def matrices(self, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(m, n, n) of the closed loops of m settings, each (m,)."""
+        k = np.asarray(gain, float)[:, None, None]
+        ti = np.asarray(integral_time, float)[:, None, None]
+        return self.a + k * (self.a_gain + self.a_integral / ti
+                             + np.asarray(second, float)[:, None, None] * self.a_second)
+
+    def outputs(self, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
+                second: np.ndarray) -> np.ndarray:
+        """(m, ny, n) rows of signals; only a torque without a path depends on the settings, each (m,)."""
+        found = np.empty((len(gain), len(names), len(self.a)))
+        for k, name in enumerate(names):
+            if name in self.rows:
+                found[:, k] = self.rows[name]
+            else:
+                found[:, k] = self.commanded(name.removesuffix("_torque"), gain, integral_time, second)
+        return found
+
+    def commanded(self, motor: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(m, n) what the controller asks of a motor at a speed reference of zero; without a path, its torque."""
+        motor, kind = self.wiring.motors.index(motor), self.wiring.configuration
+        integral, speed = np.eye(len(self.a))[-1], self.rows["measured_speed"]
+        if motor and kind == "mimo":
+            return np.broadcast_to(SHARE * self.rows["shaft_torque"], (len(gain), len(self.a)))
+        share = second if motor and kind == "miso" else np.ones_like(gain)
+        return gain[:, None] * (integral / integral_time[:, None] - share[:, None] * speed)
+
+
+def channels(wiring: Wiring) -> int:
+    """Number of commands that differ."""
+    return 1 if wiring.configuration == "siso" else 2
+
+
+def check_wiring(drive: Drive, wiring: Wiring) -> None:
+    """Refuse what cannot be built.
+
+    raises  BadParameters: a motor that is no body, not two motors where two are controlled
+    """
+    unknown = [m for m in wiring.motors if m not in drive.bodies]
+    if unknown or not wiring.motors or wiring.motors[0] != drive.bodies[0]:
+        raise BadParameters(
+            f"driven bodies of the {drive.name} drive, the first body first", ", ".join(wiring.motors) or "none",
+            "Name them with --motors.", drive.bodies)
+    if len(wiring.motors) > 2 or len(set(wiring.motors)) != len(wiring.motors):
+        raise BadParameters("one or two different driven bodies", ", ".join(wiring.motors),
+                            "Longer tandems are not tuned.")
+    two = len(wiring.motors) == 2
+    if wiring.configuration != "siso" and not (two and len(drive.bodies) > 2):
+        raise BadParameters(
+            f"a chain of at least three bodies, two of them driven, for {wiring.configuration}",
+            f"{len(drive.bodies)} bodies, {', '.join(wiring.motors)} driven",
+            "Use --configuration siso, or describe the second motor in the drive section.")
+
+
+def build(drive: Drive, wiring: Wiring) -> Loop:
+    """The loop around a drive.
+
+    drive    all inertias and stiffnesses known; its gap and Coulomb friction are left out
+    returns  Loop, with rows motor_speed, load_speed, measured_speed, shaft_torque (of the last
+             shaft), and <motor>_torque, the torque of each motor
+    raises   BadParameters: a value is missing, see also `check_wiring`
+    source   Tallfors 2005, (2.1) to (2.4) and ch. 4
+    """
+    check_wiring(drive, wiring)
+    drive.require(drive.missing(), "a controller")
+    a_m, b_m = mechanics(drive, wiring)
+    path = torque_path(drive, wiring)
+    nm, npath, nc = len(a_m), len(path[0]), channels(wiring)
+    filtered = wiring.speed_filter > 0.0
+    n = nm + nc * npath + filtered + 1
+    a, integral = np.zeros((n, n)), n - 1
+    a[:nm, :nm] = a_m
+    rows = {"motor_speed": np.eye(n)[0], "load_speed": np.eye(n)[len(drive.bodies) - 1]}
+    rows["measured_speed"] = np.eye(n)[n - 2] if filtered else rows["motor_speed"]
+    if drive.shafts:
+        rows["shaft_torque"] = np.r_[shaft_torque_row(drive), np.zeros(n - nm)]
+    if filtered:
+        a[n - 2] = (rows["motor_speed"] - rows["measured_speed"]) / wiring.speed_filter
+    a[integral] = -rows["measured_speed"]
+    by_channel = _columns(b_m, wiring)
+    entry = []  # where a command of each channel goes
+    for k in range(nc):
+        own = slice(nm + k * npath, nm + (k + 1) * npath)
+        a[own, own] = path[0]
+        a[:nm, own] = np.outer(by_channel[:, k], path[2])
+        column = np.r_[path[3] * by_channel[:, k], np.zeros(n - nm)]
+        column[own] += path[1]
+        entry.append(column)
+    gain = np.outer(entry[0], -rows["measured_speed"])
+    integral_part = np.outer(sum(entry) if wiring.configuration == "miso" else entry[0], np.eye(n)[integral])
+    second = np.zeros((n, n))
+    if wiring.configuration == "miso":
+        second = np.outer(entry[1], -rows["measured_speed"])
+    if wiring.configuration == "mimo":
+        a += SHARE * np.outer(entry[1], rows["shaft_torque"])
+    if npath:  # without a path the torque is the command and depends on the settings
+        for k, motor in enumerate(wiring.motors):
+            row = np.zeros(n)
+            at = nm + min(k, nc - 1) * npath
+            row[at:at + npath] = path[2]
+            rows[f"{motor}_torque"] = row
+    return Loop(drive, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], rows,
+                np.array(entry))
+
+
+def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
+    """(A (n, n), B (n, motors + 1)) of the chain alone; states are the speeds, then the twists.
+
+    The last input is the load torque.
+    """
+    plain = replace(closed(drive), values={
+        k: v for k, v in closed(drive).values.items() if not k.startswith("converter.")})
+    roles = (MOTOR, *(f"{m}_torque" for m in wiring.motors[1:]), "load_torque")
+    a, b, _, _ = state_space(plain, roles)
+    return a, b
+
+
+def torque_path(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """(A, b, c, d) from torque command to torque: dead time, then the converter's lag."""
+    w, zeta, late = converter(drive)
+    dead = _pade(late) if wiring.dead_time == "exact" else _nothing()
+    if not np.isfinite(w):
+        if wiring.dead_time == "zero" and late:
+            raise BadParameters("a converter bandwidth for the printed dead time", "none",
+                                "Give converter.bandwidth, or use --dead-time exact.")
+        return dead
+    ahead = -late / 2.0 if wiring.dead_time == "zero" else 0.0
+    lag = (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]), 0.0)
+    return _series(dead, lag)
+
+
+def converter(drive: Drive) -> tuple[float, float, float]:
+    """(bandwidth [rad/s] or infinite, damping ratio, dead time [s])."""
+    w, zeta, late = (drive.value(f"converter.{k}") for k in ("bandwidth", "damping", "dead_time"))
+    return (np.inf if w is None else w), zeta, late or 0.0
+
+
+def reflected_inertia(drive: Drive) -> float:
+    """All inertias as the first motor feels them."""
+    total, ratio = drive.values[f"{drive.bodies[0]}.inertia"], 1.0
+    for body, shaft in zip(drive.bodies[1:], drive.shafts, strict=True):
+        ratio *= drive.value(f"{shaft}.ratio")
+        total += drive.values[f"{body}.inertia"] / ratio**2
+    return total
+
+
+def path_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
+    """(n,) response from command to torque, the dead time exact, and of the speed filter."""
+    w, zeta, late = converter(drive)
+    lag = 1.0 / ((s / w) ** 2 + 2.0 * zeta * s / w + 1.0) if np.isfinite(w) else np.ones_like(s)
+    return lag * (np.exp(-s * late) if wiring.dead_time == "exact" else 1.0 - s * late / 2.0)
+
+
+def _columns(b: np.ndarray, wiring: Wiring) -> np.ndarray:
+    """(n, channels) what the torque of each channel does."""
+    motors = b[:, :-1]
+    return motors.sum(axis=1, keepdims=True) if wiring.configuration == "siso" else motors
+
+
+def shaft_torque_row(drive: Drive) -> np.ndarray:
+    """Torque in the last shaft over speeds and twists."""
+    nb, last = len(drive.bodies), drive.shafts[-1]
+    row = np.zeros(2 * nb - 1)
+    row[-1] = drive.value(f"{last}.stiffness")
+    damping = drive.value(f"{last}.damping")
+    row[nb - 2], row[nb - 1] = damping / drive.value(f"{last}.ratio"), -damping
+    return row
+
+
+def _nothing() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
+
+
+def _pade(late: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """State space of the diagonal Pade approximant of e^(-s late), time scaled so that it is well conditioned."""
+    if not late:
+        return _nothing()
+    m = PADE
+    c = np.array([factorial(2 * m - k) / (factorial(k) * factorial(m - k)) for k in range(m + 1)])
+    c /= c[-1]  # denominator sum c_k p^k, p = s late; numerator with (-p)
+    numerator = c * (-1.0) ** np.arange(m + 1)
+    d = numerator[-1]
+    a = np.zeros((m, m))
+    a[:-1, 1:] = np.eye(m - 1)
+    a[-1] = -c[:-1]
+    return a / late, np.eye(m)[-1] / late, (numerator - d * c)[:-1], float(d)
+
+
+def _series(first, then):
+    """The second system fed by the first."""
+    if not len(first[0]):
+        a, b, c, d = then
+        return a, b * first[3], c, d * first[3]
+    a1, b1, c1, d1 = first
+    a2, b2, c2, d2 = then
+    a = np.block([[a1, np.zeros((len(a1), len(a2)))], [np.outer(b2, c1), a2]])
+    return a, np.r_[b1, b2 * d1], np.r_[d2 * c1, c2], d2 * d1

@@ -1,0 +1,211 @@
+"""What the pictures of tune show; files/tune_figures.py draws it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.tune.criteria import impact_drops, signals, values
+from drivetool.tune.hunting import Watch
+from drivetool.tune.loop import Loop, build
+from drivetool.tune.scenarios import Draws, Spread
+from drivetool.tune.sensitivity import Plant, plant, refined
+
+if TYPE_CHECKING:
+    from drivetool.tune.gains import Design, Gains
+
+POINTS = 72  # per axis of a plane
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Figures over integral time and gain, both in equal ratios; infinite where the loop is unstable.
+
+    kind      criterion-plane or impact-drop-plane
+    panels    title -> (gains, times) values, one panel each
+    ms        (gains, times) sensitivity
+    optimum   (Ti, Kp); limit: of Ms
+    """
+
+    kind: str
+    title: str
+    times: np.ndarray
+    gains: np.ndarray
+    gain_unit: str
+    panels: Mapping[str, np.ndarray]
+    ms: np.ndarray
+    optimum: tuple[float, float]
+    limit: float
+
+
+@dataclass(frozen=True)
+class LoadStep:
+    """Responses to a step of load torque, all designs on one time axis.
+
+    speeds, torques  label -> (time, value); bands: label -> (time, lowest, highest) over the draws
+    """
+
+    kind: str
+    title: str
+    speed_label: str
+    torque_label: str
+    speeds: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    torques: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    bands: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Frequencies:
+    """Loop gains over frequency, nominal first, for the Nichols and the sensitivity picture.
+
+    curves  label -> (frequency [Hz], L)
+    """
+
+    kind: str
+    title: str
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    limit: float
+
+
+@dataclass(frozen=True)
+class SpreadPicture:
+    """Histograms of the spread."""
+
+    kind: str
+    title: str
+    spread: Spread
+    nominal: Mapping[str, float]
+    units: Mapping[str, str]
+    limit: float
+
+
+@dataclass(frozen=True)
+class Hunting:
+    """The kicked nonlinear drive; half_gap of the last shaft, zero if it has none."""
+
+    kind: str
+    title: str
+    watches: tuple[Watch, ...]
+    speed_unit: str
+    torque_unit: str
+    half_gap: float
+
+
+def pictures(gains: Gains, draws: Draws | None) -> tuple[object, ...]:
+    """Everything worth drawing of every design."""
+    found: list[object] = []
+    many = len(gains.designs) > 1
+    for design in gains.designs:
+        name = design.wiring.configuration if many else ""
+        tag = f"{name}-" if many else ""
+        of = f"{name}: " if many else ""
+        loop = build(gains.drive, design.wiring)
+        own = plant(gains.drive, design.wiring)
+        found += planes(gains, design, loop, own, tag, of)
+        found.append(frequencies("nichols", tag, f"{of}Nichols chart: the loop and its published variations",
+                                 gains, design))
+        found.append(frequencies("sensitivity", tag, f"{of}Sensitivity: what the loop makes of a disturbance",
+                                 gains, design))
+        if design.spread:
+            found.append(_spread(gains, design, tag, of))
+        if design.watches:
+            found.append(Hunting(f"{tag}hunting", f"{of}The loop around the whole drive, kicked", design.watches,
+                                 f"{gains.drive.motion_unit}/s", gains.drive.torque_unit,
+                                 gains.drive.value(f"{gains.drive.shafts[-1]}.half_gap") or 0.0))
+    found.insert(0, load_step(gains, draws))
+    return tuple(found)
+
+
+def planes(gains: Gains, design: Design, loop: Loop, own: Plant, tag: str, of: str) -> list[Plane]:
+    """The criterion, and both impact drops, over Ti and Kp around the optimum."""
+    options, best = gains.options, design.settings
+    times = best.integral_time * np.geomspace(1.0 / 8.0, 8.0, POINTS)
+    kps = best.gain * np.geomspace(1.0 / 8.0, 8.0, POINTS)
+    ti, kp = (grid.ravel() for grid in np.meshgrid(times, kps))
+    second = np.full_like(ti, best.second)
+    shape = (POINTS, POINTS)
+    ms = sensitivities(own, times, kps, best.second)
+    cost = values(loop, options.criterion, kp, ti, second).reshape(shape)
+    ms = np.where(np.isfinite(cost), ms, np.inf)
+    drops = impact_drops(loop, ["motor_speed", "load_speed"], kp, ti, second).reshape(*shape, 2)
+    unit = f"{gains.drive.torque_unit} s/{gains.drive.motion_unit}"
+    at, limit = (best.integral_time, best.gain), options.limits.sensitivity
+    drop_unit = f"[{gains.drive.motion_unit}/{gains.drive.torque_unit}]"
+    return [
+        Plane(f"{tag}criterion-plane", f"{of}{options.criterion.name} of the load speed for a unit load step",
+              times, kps, unit, {options.criterion.name: cost}, ms, at, limit),
+        Plane(f"{tag}impact-drop-plane", f"{of}Impact drop {drop_unit}", times, kps, unit,
+              {"motor speed": drops[..., 0], "load speed": drops[..., 1]}, ms, at, limit)]
+
+
+def sensitivities(own: Plant, times: np.ndarray, kps: np.ndarray, second: float) -> np.ndarray:
+    """(gains, times) Ms on the frequencies of the plant."""
+    found = np.empty((len(kps), len(times)))
+    for k, ti in enumerate(times):
+        found[:, k] = 1.0 / np.abs(1.0 + np.outer(kps, own.shape(ti, second))).min(axis=1)
+    return found
+
+
+def load_step(gains: Gains, draws: Draws | None) -> LoadStep:
+    """Speeds and torques; per unit where the drive is rated, else for a unit step."""
+    drive, ratings = gains.drive, gains.options.ratings
+    torque, speed = (ratings.torque, ratings.speed / 100.0) if ratings else (1.0, 1.0)
+    end = 1.3 * max(max(d.factors.load.settling_time, d.factors.motor.settling_time) for d in gains.designs)
+    time = np.linspace(0.0, end, 1500)
+    speeds, torques, bands = {}, {}, {}
+    for design in gains.designs:
+        name = f"{design.wiring.configuration} " if len(gains.designs) > 1 else ""
+        names = ["motor_speed", "load_speed", *(f"{m}_torque" for m in design.wiring.motors)]
+        found = signals(build(drive, design.wiring), design.settings, names)
+        if len(gains.designs) == 1:
+            speeds["motor speed"] = (time, found["motor_speed"].at(time) * torque / speed)
+        speeds[f"{name}load speed"] = (time, found["load_speed"].at(time) * torque / speed)
+        kinds = design.wiring.motors if design.wiring.configuration != "siso" else design.wiring.motors[:1]
+        for motor in kinds:
+            label = f"{name}{motor} torque" + (" (each)" if len(design.wiring.motors) > len(kinds) else "")
+            torques[label] = (time, found[f"{motor}_torque"].at(time) * (100.0 if ratings else 1.0))
+        if draws and len(gains.designs) == 1:
+            bands["load speed"] = _band(draws, design, time, torque / speed)
+    step = "the rated torque" if ratings else f"1 {drive.torque_unit}"
+    return LoadStep(
+        "load-step", f"A load-torque step of {step}",
+        "speed error [%]" if ratings else f"speed error [({drive.motion_unit}/s)/{drive.torque_unit}]",
+        "motor torque [%]" if ratings else f"motor torque [{drive.torque_unit}/{drive.torque_unit}]",
+        speeds, torques, bands)
+
+
+def _band(draws: Draws, design: Design, time: np.ndarray, scale: float) -> tuple[np.ndarray, ...]:
+    """Between which the load speed lies in 90 % of the draws."""
+    found = []
+    for drive in draws.drives:
+        speed = signals(build(drive, design.wiring), design.settings, ["load_speed"])["load_speed"]
+        found.append(speed.at(time) * scale if speed.stable else np.full_like(time, np.nan))
+    low, high = np.nanquantile(np.array(found), [0.05, 0.95], axis=0)
+    return time, low, high
+
+
+def frequencies(kind: str, tag: str, title: str, gains: Gains, design: Design) -> Frequencies:
+    """The loop gain, nominal and varied."""
+    return Frequencies(f"{tag}{kind}", title, {
+        each.label: loop_curve(plant(each.drive, design.wiring), design) for each in design.variations},
+        gains.options.limits.sensitivity)
+
+
+def loop_curve(own: Plant, design: Design) -> tuple[np.ndarray, np.ndarray]:
+    """(frequency [Hz], L)."""
+    fine = refined(own, design.settings)
+    return fine.w / (2.0 * np.pi), fine.loop_gain(design.settings)
+
+
+def _spread(gains: Gains, design: Design, tag: str, of: str) -> SpreadPicture:
+    nominal = {"max_sensitivity": design.margins.max_sensitivity, "impact_drop": design.factors.load.impact_drop,
+               "overshoot": design.factors.load.overshoot}
+    units = {"max_sensitivity": "Ms", "overshoot": "overshoot of the load speed [%]",
+             "impact_drop": f"impact drop of the load speed [{gains.drive.motion_unit}/{gains.drive.torque_unit}]"}
+    return SpreadPicture(f"{tag}spread", f"{of}The same settings on the drives that the uncertainty allows",
+                         design.spread, nominal, units, gains.options.limits.sensitivity)
+
+

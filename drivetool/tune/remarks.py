@@ -1,0 +1,137 @@
+"""What tune has to say about its result, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+from drivetool.identify.estimate import Covariance
+from drivetool.tune.scenarios import Draws
+
+if TYPE_CHECKING:
+    from drivetool.tune.gains import Design, TuneOptions
+
+SLIGHT = 1.03  # times the limit in 95 % of the draws: nothing to worry about
+MATTERS = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffixes that shape a loop
+
+
+def outcome(drive: Drive, designs: Sequence[Design], options: TuneOptions) -> str:
+    """One sentence: the settings, what they reach and what holds them."""
+    best = min(designs, key=lambda each: each.value)
+    limit = options.limits.sensitivity
+    held = {
+        "sensitivity": f"the Ms limit {limit:g} is active", "gain": "the gain limit is active",
+        "confidence": f"Ms stays within {limit:g} in {100 * (options.confidence or 0):g} % of the draws",
+        "nothing": f"Ms {best.margins.max_sensitivity:.3g}, the limit {limit:g} is not active"}[best.active]
+    unit = gain_unit(drive)
+    name = f"{best.wiring.configuration}: " if len(designs) > 1 else ""
+    return (f"{name}Kp {best.settings.gain:.5g} {unit}, Ti {1e3 * best.settings.integral_time:.4g} ms minimise "
+            f"{options.criterion.name}; {held}.")
+
+
+def gain_unit(drive: Drive) -> str:
+    """Unit of Kp."""
+    return f"{drive.torque_unit} s/{drive.motion_unit}"
+
+
+def mimo_left_out() -> Finding:
+    """Why one of three configurations is missing."""
+    return Finding("note", "mimo-left-out",
+                   "The configuration with shaft-torque feedback was left out, as no shaft torque is measured.",
+                   {}, "Name its channel as shaft_torque in a channel map and give it with --map.")
+
+
+def uncertainty(drive: Drive, options: TuneOptions, covariance: Covariance | None,
+                draws: Draws | None) -> list[Finding]:
+    """What the spread covers and what it cannot."""
+    if covariance is None or draws is None:
+        return [Finding("note", "no-spread", "The parameter file states no uncertainty, so that the spread of the "
+                        "figures is not known.", {}, "Use the file of an estimator.")]
+    found = []
+    if draws.unphysical:
+        share = draws.unphysical / options.draws
+        found.append(Finding(
+            "warning" if share > 0.05 else "note", "unphysical-draws",
+            f"{draws.unphysical} of {options.draws} draws of the parameters are not physical and were left out.",
+            {"unphysical": draws.unphysical, "draws": options.draws},
+            "The normal distribution reaches beyond the bounds: a parameter is hardly known."))
+    silent = [n for n in drive.values if n not in covariance.names and n.rpartition(".")[2] in MATTERS]
+    if silent:
+        found.append(Finding(
+            "note", "spread-is-partial",
+            f"The spread does not include {', '.join(silent)}, whose uncertainty the file does not state.",
+            {"parameters": len(silent)}, "See the variations, which change them one at a time."))
+    if options.known is not None and any(n not in options.known.names for n in covariance.names):
+        alone = [n for n in covariance.names if n not in options.known.names]
+        found.append(Finding(
+            "note", "drawn-without-correlation",
+            f"{', '.join(alone)} were drawn independently: the file states no correlation of theirs.", {}, ""))
+    return found
+
+
+def of_design(drive: Drive, design: Design, options: TuneOptions) -> list[Finding]:
+    """Robustness, hunting, limits of one design."""
+    found, name = [], design.wiring.configuration
+    prefix = f"{name}: " if len(design.wiring.motors) > 1 else ""
+    spread, limit = design.spread, options.limits.sensitivity
+    if spread and options.confidence is None and spread.quantiles["max_sensitivity"]["0.95"] > SLIGHT * limit:
+        high = spread.quantiles["max_sensitivity"]["0.95"]
+        stays = f"; in 95 % it stays below {high:.3g}" if isfinite(high) else ""
+        found.append(Finding(
+            "warning", "limit-uncertain",
+            f"{prefix}Ms exceeds {limit:g} in {100 * spread.above_limit:.0f} % of the drives that the parameters' "
+            f"uncertainty allows{stays}.", {"above_limit": spread.above_limit, "ms_95": high},
+            "Tune with --confidence 0.95."))
+    if spread and spread.unstable:
+        found.append(Finding(
+            "warning", "unstable-draws",
+            f"{prefix}The loop is unstable for {spread.unstable} of "
+            f"{spread.draws - spread.unphysical} drives that the parameters' uncertainty allows.",
+            {"unstable": spread.unstable}, "Identify the drive more closely, or tune with " + (
+                "a higher --confidence." if options.confidence else "--confidence.")))
+    if design.kept is not None and design.kept < (options.confidence or 0.0) - 0.05:
+        found.append(Finding(
+            "warning", "confidence-missed",
+            f"{prefix}In fresh draws the limit holds in {100 * design.kept:.0f} % only.",
+            {"kept": design.kept}, "Ask for more --draws."))
+    found += hunting(drive, design, prefix)
+    if design.wiring.configuration == "mimo" and not design.watches and design.safe_gain is not None:
+        found.append(_mimo_gap(prefix))
+    return found
+
+
+def hunting(drive: Drive, design: Design, prefix: str) -> list[Finding]:
+    """Cycles that the kicked nonlinear drive fell into, and what the describing function says."""
+    found = []
+    speed = f"{drive.motion_unit}/s"
+    advice = "Lower the gain, or take the backlash out of the drive."
+    if design.safe_gain:
+        advice = (f"At Kp up to {design.safe_gain:.4g} {gain_unit(drive)} the loop is stable whatever stiffness "
+                  "the gap pretends to: lower it, or take the backlash out.")
+    for watch in design.watches:
+        cycle = watch.cycle
+        if cycle.hunts:
+            found.append(Finding(
+                "warning", "loop-hunts",
+                f"{prefix}With the gap the loop hunts ({cycle.situation}): the motor speed swings by "
+                f"+-{cycle.amplitude:.3g} {speed} at {cycle.frequency:.3g} Hz, the torque by "
+                f"+-{cycle.torque_swing:.3g} {drive.torque_unit}, after a change of the load's speed by "
+                f"{cycle.kick:.2g} {speed}.",
+                {"amplitude": cycle.amplitude, "frequency_hz": cycle.frequency, "load_amplitude": cycle.load_swing,
+                 "torque_amplitude": cycle.torque_swing, "kick": cycle.kick,
+                 "gain_without_cycle": design.safe_gain or 0.0}, advice))
+    if design.safe_gain is not None and not found:
+        found.append(Finding(
+            "note", "gap-may-cycle",
+            f"{prefix}With the gap pretending to a softer shaft the loop would be unstable; no cycle was found "
+            "from the kicks that were tried.", {"gain_without_cycle": design.safe_gain}, advice))
+    return found
+
+
+def _mimo_gap(prefix: str) -> Finding:
+    return Finding("note", "gap-not-simulated",
+                   f"{prefix}The shaft-torque feedback was not simulated across the gap.", {},
+                   "Judge it by the softened shaft, and on the machine.")

@@ -1,0 +1,203 @@
+"""Uncertainty, published variations, infeasible limits and hunting of a tuned loop."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import two_mass
+from drivetool.drive.linearise import resonances
+from drivetool.errors import BadOption, BadParameters
+from drivetool.identify.estimate import Covariance
+from drivetool.tune.criteria import criterion, signals
+from drivetool.tune.design import tune, wirings
+from drivetool.tune.gains import TuneOptions
+from drivetool.tune.hunting import safe_gain, watch
+from drivetool.tune.loop import Settings, Wiring, build
+from drivetool.tune.nonlinear import closed_loop, moving, run
+from drivetool.tune.robust import robust_optimum
+from drivetool.tune.scenarios import draw, joint, spread
+from drivetool.tune.search import Limits, optimum, task
+from drivetool.tune.sensitivity import max_sensitivity, plant
+from drivetool.tune.variations import study
+from tests.simulator import controllers, machine
+from tests.simulator.simulate import simulate
+from tests.tallfors import MOTORS, tandem, two_mass_plant
+
+HEAVY = two_mass_plant("heavy")
+# Motor inertia and stiffness rise together, as they do where the resonance is what the record shows.
+COVARIANCE = Covariance(("motor.inertia", "shaft.stiffness"), np.array([[1.0, 0.9e4], [0.9e4, 1e8]]))
+# Stable with the contact closed; with 0.09 to 0.77 of its stiffness it is not.
+CYCLING = two_mass().with_values({
+    "motor.inertia": 1.0, "load.inertia": 3.67, "motor.viscous": 1e-3, "load.viscous": 4e-3,
+    "shaft.stiffness": 206e3, "shaft.damping": 5.6, "shaft.half_gap": 0.002,
+    "converter.bandwidth": 433.0, "converter.damping": 0.69, "converter.dead_time": 0.0044})
+CYCLING_AT = Settings(41.4, 0.0515)
+FILTERED = Wiring(speed_filter=0.002)
+
+
+def test_draws_have_the_covariance_with_its_correlation():
+    draws = draw(HEAVY, COVARIANCE, 4000, 1)
+    values = np.array([[d.value(n) for n in COVARIANCE.names] for d in draws.drives])
+    assert draws.unphysical == 0
+    np.testing.assert_allclose(np.cov(values.T), COVARIANCE.matrix, rtol=0.07)
+    assert draw(HEAVY, COVARIANCE, 10, 1).drives == draw(HEAVY, COVARIANCE, 10, 1).drives
+    assert draw(HEAVY, COVARIANCE, 10, 1).drives != draw(HEAVY, COVARIANCE, 10, 2).drives
+
+
+def test_unphysical_draws_are_left_out_and_counted():
+    wide = joint(HEAVY, None, {"shaft.damping": 224.0})
+    draws = draw(HEAVY, wide, 2000, 1)
+    assert draws.unphysical / 2000 == pytest.approx(0.1587, abs=0.03)  # below minus one std
+    assert len(draws.drives) + draws.unphysical == 2000
+    gains = tune(HEAVY, TuneOptions(stds={"shaft.damping": 224.0}, draws=100))
+    assert gains.designs[0].spread.unphysical > 5
+    assert [f.severity for f in gains.findings if f.code == "unphysical-draws"] == ["warning"]
+
+
+def test_correlation_matters_and_is_kept():
+    at = Settings(1968.0, 0.0554)
+    alone = Covariance(COVARIANCE.names, np.diag(np.diag(COVARIANCE.matrix)))
+    wide, narrow = (spread(draw(HEAVY, c, 150, 1), Wiring(), at, 2.0).samples["max_sensitivity"].std()
+                    for c in (alone, COVARIANCE))
+    assert narrow < 0.9 * wide
+
+
+@pytest.mark.parametrize("matrix", [[[1.0, 2e4], [2e4, 1e8]]])
+def test_a_covariance_that_is_none(matrix):
+    with pytest.raises(BadParameters, match="negative variances"):
+        draw(HEAVY, Covariance(COVARIANCE.names, np.array(matrix)), 10, 1)
+
+
+def test_confidence_holds_over_the_draws_and_costs_no_more_than_it_must():
+    draws = draw(HEAVY, COVARIANCE, 120, 1)
+    nominal = task(build(HEAVY, Wiring()), criterion("ISE"), Limits(2.0))
+    plain, robust = optimum(nominal), robust_optimum(nominal, draws, 0.9)
+    ms = np.sort(spread(draws, Wiring(), robust.settings, 2.0).samples["max_sensitivity"])
+    assert ms[107] <= 2.0 + 1e-5 < ms[108]  # 90 % of 120 are 108 draws
+    assert plain.value < robust.value < 1.3 * plain.value
+    fresh = spread(draw(HEAVY, COVARIANCE, 400, 77), Wiring(), robust.settings, 2.0)
+    assert fresh.above_limit == pytest.approx(0.1, abs=0.06)
+
+
+def test_published_study():
+    """Stiffness and load inertia change Ms little, dead time and motor inertia much: Tallfors 2005, sec. 3.2."""
+    for name, gain, ti in (("light", 1809, 0.02139), ("medium", 2669, 0.04478), ("heavy", 2606, 0.0559)):
+        drive = two_mass_plant(name)
+        found = study(drive, Wiring(dead_time="zero"), Settings(gain, ti))
+        ms = {each.label: each.max_sensitivity for each in found}
+        nominal = ms.pop("nominal")
+        for label, value in ms.items():
+            assert (value / nominal - 1.0 > 0.1) == ("doubled" in label or "80 %" in label), label
+        lighter = found[-1].drive
+        assert lighter.value("motor.inertia") == 16.0
+        before, after = (next(m for m in resonances(d) if m.kind == "resonance") for d in (drive, lighter))
+        assert after.frequency_hz == pytest.approx(before.frequency_hz, rel=1e-9)
+        assert after.damping_ratio == pytest.approx(before.damping_ratio, rel=1e-3)
+
+
+def test_infeasible_limits_name_the_nearest():
+    with pytest.raises(BadOption, match=r"above 1; found 0.9"):
+        tune(HEAVY, TuneOptions(limits=Limits(0.9)))
+    with pytest.raises(BadOption, match="nearest that some keep") as raised:
+        tune(HEAVY, TuneOptions(limits=Limits(1.005)))
+    suggested = float(str(raised.value).split("--max-sensitivity ")[1].split()[0])
+    assert tune(HEAVY, TuneOptions(limits=Limits(suggested))).designs[0].margins.max_sensitivity <= suggested + 1e-6
+    with pytest.raises(BadOption, match="gain has to be at least") as raised:
+        tune(HEAVY, TuneOptions(limits=Limits(1.5, 0.05)))
+    least = float(str(raised.value).split("--max-gain to ")[1].split()[0])
+    assert tune(HEAVY, TuneOptions(limits=Limits(1.5, 1.05 * least))).designs[0].active == "gain"
+
+
+def test_gain_limit_is_kept():
+    design = tune(HEAVY, TuneOptions(limits=Limits(2.0, 1000.0))).designs[0]
+    assert design.active == "gain" and design.settings.gain <= 1000.0 * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("options, words", [
+    (TuneOptions(configurations=("mimo",), shaft_torque=True), "at least three bodies"),
+    (TuneOptions(motors=("load",)), "the first body first"),
+    (TuneOptions(confidence=0.95), "standard deviations or a covariance"),
+    (TuneOptions(confidence=1.5), "between 0 and 1"),
+])
+def test_what_does_not_fit_is_refused(options, words):
+    with pytest.raises((BadParameters, BadOption), match=words):
+        tune(HEAVY, options)
+
+
+def test_shaft_torque_feedback_needs_its_role():
+    with pytest.raises(BadParameters, match="shaft_torque role"):
+        tune(tandem("G1"), TuneOptions(configurations=("mimo",)))
+    found, notes = wirings(tandem("G1"), TuneOptions())
+    assert [w.configuration for w in found] == ["siso", "miso"] and {w.motors for w in found} == {MOTORS}
+    assert [note.code for note in notes] == ["mimo-left-out"]
+    assert len(wirings(tandem("G1"), TuneOptions(shaft_torque=True))[0]) == 3
+
+
+def test_closed_loop_around_the_whole_drive_is_the_linear_one_while_the_contact_holds():
+    drive = HEAVY.with_values({"shaft.half_gap": 0.002, "load.idle_torque": 5.0, "motor.coulomb": 2.0,
+                               "load.coulomb": 3.0})
+    at, h = Settings(2000.0, 0.06), 1e-4
+    loop = build(drive, FILTERED)
+    inputs = np.full((6000, 2), [10.0, 0.0])
+    inputs[1000:, 1] = 1000.0
+    system = closed_loop(loop, at, h, ("motor_speed", "load_speed"))
+    speeds, _ = run(system, inputs, moving(loop, at, 10.0), h)
+    np.testing.assert_allclose(speeds[:1000], 10.0, atol=1e-10)
+    found = signals(loop, at, ["motor_speed", "load_speed"])
+    for k, modes in enumerate(found.values()):
+        np.testing.assert_allclose(speeds[1000:, k] - 10.0, 1000.0 * modes.at(np.arange(5000) * h), atol=1e-10)
+
+
+def test_hunting_is_found_where_the_describing_function_puts_it():
+    """At the greatest softened stiffness that is unstable, the swing is just held."""
+    loop = build(CYCLING, FILTERED)
+    assert np.linalg.eigvals(loop.matrix(CYCLING_AT)).real.max() < 0.0
+    border = None
+    for share in np.linspace(1.0, 0.05, 400):
+        soft = CYCLING.with_values({
+            f"shaft.{k}": share * CYCLING.value(f"shaft.{k}") for k in ("stiffness", "damping")})
+        poles = np.linalg.eigvals(build(soft, FILTERED).matrix(CYCLING_AT))
+        if poles.real.max() > 0.0:
+            border = abs(poles[np.argmax(poles.real)].imag) / (2 * np.pi)
+            break
+    (found,) = watch(loop, CYCLING_AT)
+    assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border, rel=0.03)
+
+
+def test_hunting_against_the_independent_simulator():
+    (found,) = watch(build(CYCLING, FILTERED), CYCLING_AT)
+    # A discrete controller without the filter, whose lag is put into the dead time instead.
+    plain = build(CYCLING.with_values({"converter.dead_time": 0.0064}), Wiring())
+    (mine,) = watch(plain, CYCLING_AT)
+    h = 2e-4
+    m = machine.Machine(inertia=(1.0, 3.67), viscous=(1e-3, 4e-3), stiffness=(206e3,), damping=(5.6,),
+                        half_gap=(0.002,), converter_bandwidth=433.0, dead_time=0.0064 - h / 2)
+    n = 6000
+    pi = controllers.SpeedPI(np.zeros(n), CYCLING_AT.gain, CYCLING_AT.gain / CYCLING_AT.integral_time, h)
+    start = machine.State((0.0, mine.cycle.kick), (0.0,), 0.0, 0.0, 0.0)
+    speed = simulate(m, np.zeros(n), h, start, pi, rtol=1e-7, atol=1e-10).speeds[n // 2:, 0]
+    up = np.flatnonzero((speed[:-1] < 0) & (speed[1:] >= 0))
+    assert mine.cycle.hunts and found.cycle.hunts
+    assert np.ptp(speed) / 2 == pytest.approx(mine.cycle.amplitude, rel=0.03)
+    assert (len(up) - 1) / ((up[-1] - up[0]) * h) == pytest.approx(mine.cycle.frequency, rel=0.01)
+
+
+def test_below_the_safe_gain_nothing_hunts():
+    loop = build(CYCLING, FILTERED)
+    safe = safe_gain(loop, CYCLING_AT)
+    assert 0.0 < safe < CYCLING_AT.gain
+    at = Settings(0.95 * safe, CYCLING_AT.integral_time * CYCLING_AT.gain / safe)
+    if safe_gain(loop, at) is None:
+        assert not any(each.cycle.hunts for each in watch(loop, at))
+    assert not any(each.cycle.hunts for each in watch(build(HEAVY.with_values({"shaft.half_gap": 0.01}), Wiring()),
+                                                      Settings(1968.0, 0.0554)))
+
+
+def test_hunting_is_told():
+    gains = tune(CYCLING, TuneOptions(speed_filter=0.002))
+    told = [f for f in gains.findings if f.code == "loop-hunts"]
+    assert told and told[0].severity == "warning"
+    assert told[0].evidence["frequency_hz"] > 10.0 and told[0].evidence["amplitude"] > 0.0
+    design = gains.designs[0]
+    assert max_sensitivity(plant(CYCLING, design.wiring), design.settings)[0] <= 2.0 + 1e-6
