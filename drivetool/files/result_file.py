@@ -15,7 +15,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, Starts
 
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
@@ -56,7 +56,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = ()) -> shapes.ParameterFi
         schema=shapes.PARAMETERS_SCHEMA, tool=_tool(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
-        fit=plain(estimate.fit), findings=_findings(estimate.findings),
+        fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=_findings(estimate.findings),
         covariance=_covariance(estimate.covariance), noise=plain(estimate.noise),
         details=plain(estimate.details), data=_files(estimate.data), inputs=_files(inputs),
         options=plain(estimate.options))
@@ -121,6 +121,11 @@ def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | Non
     if not keep or any(value is None for row in rows for value in row):
         return None
     return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
+
+
+def _starts(starts: Starts | None) -> shapes.StartsSection | None:
+    """How the starts agreed; None where there was no choice."""
+    return None if starts is None else shapes.StartsSection(**plain(asdict(starts)))
 
 
 def _findings(findings: Iterable[Finding]) -> list[shapes.FindingSection]:

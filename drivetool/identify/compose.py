@@ -10,16 +10,15 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
+from drivetool.identify.search import CONFIRMED
 from drivetool.identify.setup import problem_of
 
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
-
-CONFIRMED = 5.0  # log likelihood within which a second start must come
 
 
 def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
@@ -65,7 +64,20 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
-        record_exhibits(outcome, traces, runs))
+        record_exhibits(outcome, traces, runs), starts_of(outcome))
+
+
+def starts_of(outcome: Outcome) -> Starts:
+    """How many starts came to the best value, and how far apart their parameters ended."""
+    ends = []
+    for s in outcome.starts:
+        behind = s.get("minus_log_likelihood_above_best")
+        if behind is None:
+            behind = 0.5 * outcome.problem.count * np.log(s["cost_over_best"])
+        if behind < CONFIRMED:
+            ends.append([s["reached"][n] for n in outcome.task.free])
+    spread = np.ptp(np.array(ends), axis=0) if ends else np.zeros(0)
+    return Starts(len(outcome.starts), len(ends), dict(zip(outcome.task.free, spread.tolist(), strict=False)))
 
 
 def unsettled(outcome: Outcome) -> bool:
