@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test study fixtures schemas lint clean
+.PHONY: demo test bench study fixtures schemas lint clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
@@ -17,6 +17,10 @@ test: $(VENV)/ready
 
 study: $(VENV)/ready
 	$(BIN)/python -m pytest -m study -s
+
+bench: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test,bench]"
+	$(BIN)/python -m pytest -m bench -s
 
 fixtures: $(VENV)/ready
 	$(BIN)/python -m tests.make_fixtures fixtures

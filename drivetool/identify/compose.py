@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
-from drivetool.identify.search import CONFIRMED
+from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
@@ -69,20 +70,26 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
 
 def starts_of(outcome: Outcome) -> Starts:
     """How many starts came to the best value, and how far apart their parameters ended."""
-    ends = []
-    for s in outcome.starts:
-        behind = s.get("minus_log_likelihood_above_best")
-        if behind is None:
-            behind = 0.5 * outcome.problem.count * np.log(s["cost_over_best"])
-        if behind < CONFIRMED:
-            ends.append([s["reached"][n] for n in outcome.task.free])
-    spread = np.ptp(np.array(ends), axis=0) if ends else np.zeros(0)
-    return Starts(len(outcome.starts), len(ends), dict(zip(outcome.task.free, spread.tolist(), strict=False)))
+    ends = [s["reached"] for s in outcome.starts if agrees(outcome, s)]
+    spread = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in outcome.task.free} if ends else {}
+    return Starts(len(outcome.starts), len(ends), spread)
+
+
+def agrees(outcome: Outcome, start: Mapping[str, Any]) -> bool:
+    """Whether a start ended as good as the best one, and at the same values."""
+    behind = start.get("minus_log_likelihood_above_best")
+    if behind is None:
+        behind = 0.5 * outcome.problem.count * float(np.log(start["cost_over_best"]))
+    return behind < CONFIRMED and start.get("apart", 0.0) < APART
 
 
 def unsettled(outcome: Outcome) -> bool:
     """Whether the fit was still finding better values when stopped, or no other start confirms it."""
-    if outcome.fit is None or not outcome.task.free or outcome.fit.converged:
+    if outcome.fit is None or not outcome.task.free:
+        return False
+    if "apart" in outcome.starts[0] and sum(agrees(outcome, s) for s in outcome.starts) < 2:
+        return True
+    if outcome.fit.converged:
         return False
     others = sorted(s["minus_log_likelihood_above_best"] for s in outcome.starts)
     return outcome.fit.gain > STILL or (len(others) > 1 and others[1] > CONFIRMED)

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.simulate import Gains, Trace
-from drivetool.identify.least_squares import solve
+from drivetool.identify.least_squares import approach
 from drivetool.identify.noise import Noise, filtered, natural_ratio
 from drivetool.identify.problem import Point, Problem
 
@@ -51,11 +51,11 @@ def cooled(problem: Problem, linear: Problem | None, point: Point, hot: float,
         turned = sides(problem, point, gains)
         if turned is not point:
             point, gains = turned, observers(problem, linear, turned, noise)
-        point = solve(boxed, point, gains, most=steps, relative=1e-6,
-                      hold=problem.later if stage < QUIET else None).point
+        point, cost = approach(boxed, point, gains, steps, hold=problem.later if stage < QUIET else None)
         if linear is None:
             gains = observers(problem, None, point, noise)
-        value = frozen_value(problem, point, gains)
+            cost = problem.cost(point, gains)
+        value = value_of(problem, cost, gains)
         flat = flat + 1 if lowest - 2.0 < value < lowest else 0
         worse = 0 if value < lowest else worse + 1
         if value < lowest:
@@ -73,7 +73,12 @@ def observers(problem: Problem, linear: Problem | None, point: Point, noise: Noi
 
 def frozen_value(problem: Problem, point: Point, gains: Sequence[Gains]) -> float:
     """-log likelihood of a point under frozen observers, up to a constant."""
-    cost, n = problem.cost(point, gains), problem.count
+    return value_of(problem, problem.cost(point, gains), gains)
+
+
+def value_of(problem: Problem, cost: float, gains: Sequence[Gains]) -> float:
+    """The same from the cost."""
+    n = problem.count
     if not np.isfinite(cost) or cost <= 0.0:
         return np.inf
     logs = sum(float(np.log(g.weight[np.isfinite(t.outputs)]).sum())

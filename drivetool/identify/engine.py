@@ -15,7 +15,7 @@ from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.search import Descent, searched, values_of
+from drivetool.identify.search import Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
 from drivetool.identify.task import Outcome, Task
 
@@ -61,13 +61,17 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
         lowest = min(lowest, fit.value)
         return fit.value, fit, task.at_point(fit.point)
 
-    found = searched(task, starts, seed, descend, most)
+    def gap(one: Fit, other: Fit) -> float:
+        return apart(problem, one.solution, other.solution)
+
+    found = searched(task, starts, seed, descend, gap, most)
     best = min((d.end for d in found), key=lambda f: f.value)
     if not best.converged:
-        best = fit_innovations(problem, best.point, best.noise, arrived=True)
+        further = fit_innovations(problem, best.point, best.noise, arrived=True)
+        best = min(best, further, key=lambda f: f.value)
     best = settle(problem, best)
-    tried = [_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}}, d.end, best)
-             for d in found]
+    tried = [{**_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
+                      d.end, best), "apart": gap(best, d.end)} for d in found]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
 
 
@@ -186,7 +190,7 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
         return 0.5 * problem.count * np.log(max(solution.cost, 1e-300)), solution, task.at_point(solution.point)
 
     if hard:
-        found = searched(task, starts, seed, descend, most)
+        found = searched(task, starts, seed, descend, lambda one, other: apart(problem, one, other), most)
     else:
         found = [Descent(values, "direct", *directly(task.at(values))[:2]) for values in starts]
     best = min((d.end for d in found), key=lambda s: s.cost)
@@ -194,6 +198,7 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
         best = solve(problem, best.point, relative=1e-10, most=100)
     tried = tuple({"way": d.way, **{f"start {k}": float(v) for k, v in d.start.items()},
                    "cost_over_best": float(d.end.cost / best.cost) if best.cost > 0.0 else 1.0,
+                   "apart": apart(problem, best, d.end),
                    "reached": dict(zip(task.free, d.end.point.values.tolist(), strict=True))} for d in found)
     return Outcome(task, problem, best, None, tried, best.converged)
 

@@ -43,18 +43,7 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     """
     normal = problem.normal(point, gains)
     for iteration in range(1, most + 1):
-        accepted = None
-        while accepted is None and damping < 1e12:
-            step, own = _step(problem, point, normal, damping, hold)
-            trial = problem.moved(point, step, own)
-            if _too_far(problem, point, trial):
-                damping *= 4.0
-                continue
-            cost = problem.cost(trial, gains)
-            if cost < normal.cost:
-                accepted = trial
-            else:
-                damping *= 4.0
+        accepted, cost, damping = _accepted(problem, point, normal, gains, damping, hold)
         if accepted is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - cost < relative * normal.cost
@@ -63,6 +52,36 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
         if done:
             return Solution(point, normal, iteration, True)
     return Solution(point, normal, most, False)
+
+
+def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most: int, *,
+             relative: float = 1e-6, damping: float = 1e-3,
+             hold: np.ndarray | None = None) -> tuple[Point, float]:
+    """A few steps towards the minimum: (point, cost there), no normal equations at the end."""
+    cost = np.inf
+    for _ in range(most):
+        normal = problem.normal(point, gains)
+        accepted, new, damping = _accepted(problem, point, normal, gains, damping, hold)
+        if accepted is None:
+            return point, normal.cost
+        point, cost, damping = accepted, new, max(damping / 8.0, 1e-12)
+        if normal.cost - cost < relative * normal.cost:
+            break
+    return point, cost
+
+
+def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Gains] | None, damping: float,
+              hold: np.ndarray | None) -> tuple[Point | None, float, float]:
+    """(a better point, its cost, damping that it took); no point if none is better."""
+    while damping < 1e12:
+        step, own = _step(problem, point, normal, damping, hold)
+        trial = problem.moved(point, step, own)
+        if not _too_far(problem, point, trial):
+            cost = problem.cost(trial, gains)
+            if cost < normal.cost:
+                return trial, cost, damping
+        damping *= 4.0
+    return None, normal.cost, damping
 
 
 def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:

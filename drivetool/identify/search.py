@@ -16,6 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from drivetool.identify.cooling import SHAPE, frozen_value, observers
+from drivetool.identify.least_squares import Solution, schur
 from drivetool.identify.noise import Noise, excerpt, natural_ratio
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.rough import balanced
@@ -23,6 +24,7 @@ from drivetool.identify.setup import first_point
 from drivetool.identify.task import Task
 
 CONFIRMED = 5.0  # log likelihood within which another start must come
+APART = 20.0  # the same for their parameters, by the curvature there
 DRAWS = 40  # variations looked at
 SPREAD = 0.3  # std of their logarithms
 GLANCE = 8000  # samples looked at
@@ -48,12 +50,14 @@ class Descent(Generic[T]):
 
 
 def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
-             descend: Callable[[Task, str, float], tuple[float, T, Task]], most: int | None = None) -> list[Descent[T]]:
+             descend: Callable[[Task, str, float], tuple[float, T, Task]], gap: Callable[[T, T], float],
+             most: int | None = None) -> list[Descent[T]]:
     """Descents from several starts, in the order made.
 
     starts   values to begin with, one mapping each
     descend  (task at its start values, "linear" or "exact" observer, how hot) -> (-log likelihood, end,
              the task at the end)
+    gap      (end, another) -> log likelihood by which the parameters of the two lie apart
     most     descents; None: as many as it takes for two to agree
     """
     candidates = ranked(task, starts, seed)
@@ -69,15 +73,26 @@ def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
             value, end, there = descend(ends[i], *AGAIN)
             if value < found[i].value:
                 found[i], ends[i] = replace(found[i], value=value, end=end), there
-        if most is None and confirmed([d.value for d in found]):
+        if most is None and _confirmed(found, gap):
             break
     return found
 
 
-def confirmed(values: Sequence[float]) -> bool:
-    """Whether a second one comes close to the best."""
-    ordered = sorted(values)
-    return len(ordered) > 1 and ordered[1] - ordered[0] < CONFIRMED
+def _confirmed(found: Sequence[Descent[T]], gap: Callable[[T, T], float]) -> bool:
+    """Whether a second one ends as high as the best, and at the same place."""
+    best = min(found, key=lambda d: d.value)
+    return any(d is not best and d.value - best.value < CONFIRMED and gap(best.end, d.end) < APART for d in found)
+
+
+def apart(problem: Problem, one: Solution, other: Solution) -> float:
+    """Log likelihood by which two sets of parameters lie apart, by the curvature at the first.
+
+    Directions that the record does not tell do not count.
+    """
+    matrix, _, _ = schur(one.normal)
+    variance = one.cost / max(problem.count - problem.unknowns, 1)
+    change = other.point.values - one.point.values
+    return float(0.5 * change @ matrix @ change / variance) if variance > 0.0 else 0.0
 
 
 def values_of(task: Task) -> np.ndarray:
