@@ -9,9 +9,9 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.errors import BadOption
-from drivetool.identify.cooling import cooled
+from drivetool.identify.cooling import cooled, observers, sides
 from drivetool.identify.innovations import Fit, fit_innovations, settle
-from drivetool.identify.least_squares import Solution, solve
+from drivetool.identify.least_squares import Solution, approach, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
@@ -19,8 +19,8 @@ from drivetool.identify.search import Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
 from drivetool.identify.task import Outcome, Task
 
-__all__ = ["Outcome", "Task", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run", "frozen",
-           "looks_coloured", "segment_states"]
+__all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run",
+           "frozen", "looks_coloured", "segment_states"]
 
 SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 SCREEN = 3  # rounds after which only the best two of several starts go on
@@ -39,14 +39,13 @@ def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]]
 
 
 def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int = 1,
-                   most: int | None = None, near: bool = False) -> Outcome:
+                   most: int | None = None) -> Outcome:
     """Innovations fit; across a gap from several starts, until two agree.
 
     most  starts across a gap; None: as many as it takes
-    near  the task's values are those of an earlier fit: one start will do
     """
     problem = task.problem()
-    if near or not is_hard(task):
+    if not is_hard(task):
         return _simply(task, problem, starts)
     linear, lowest = task.linear_problem(), np.inf
 
@@ -73,6 +72,17 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     tried = [{**_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+
+
+def again(task: Task, noise: Noise) -> Outcome:
+    """Innovations fit from the values and the noise of an earlier fit: one start will do."""
+    if not is_hard(task):
+        return by_innovations(task, [{}])
+    problem = task.problem()
+    point = first_point(task.drive, problem, task.roles)
+    point = sides(problem, point, observers(problem, task.linear_problem(), point, noise))
+    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None), arrived=True))
+    return Outcome(task, problem, fit.solution, fit, (_told(task, {"way": "again"}, fit, fit),), fit.converged)
 
 
 def is_hard(task: Task) -> bool:
@@ -170,7 +180,8 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
     """Simulation-error fit on segments with free start states; across a gap until two starts agree.
 
     segment  length [s]; 0: one free run per record
-    most, near  as of by_innovations
+    most     starts across a gap; None: as many as it takes
+    near     the task's values are those of an earlier fit: one start will do
     """
     problem = task.problem(segment)
     linear = task.linear_problem(segment)
@@ -241,8 +252,9 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None,
     found = []
     for i, trace in enumerate(problem.traces):
         alone = replace(problem, traces=(trace,))
-        tries = [solve(alone, Point(point.values, (s[i],)), most=40) for s in (point.starts, starts)]
-        found.append(min(tries, key=lambda s: s.cost).point.starts[0])
+        tries = [approach(alone, Point(point.values, (s[i],)), None, 5) for s in (point.starts, starts)]
+        begun, _ = min(tries, key=lambda pair: pair[1])
+        found.append(solve(alone, begun, most=40).point.starts[0])
     point = Point(point.values, tuple(found))
     plants = problem.plants(point.values, False)
     return problem, point, [plant.outputs(t, s) for plant, t, s in zip(
