@@ -28,9 +28,10 @@ BOX = 3.0  # by which a shape parameter may leave its start while the observer i
 COOL = 2.0  # by which the noise falls from stage to stage
 STEPS = 3  # iterations of a stage
 QUIET = 4  # stages without shaft damping: it would damp away a resonance that lies a little off
+DECIDED = 8  # stages after which the side of a gap on which a trace begins is settled
 PATIENCE = 5  # stages that may be worse than the best
 COLDEST = 1e-5  # of the noise that a sample shows; as good as none
-HEAD = 2000  # samples that show on which side of a gap a trace begins
+HEAD = 1000  # samples that show on which side of a gap a trace begins, and in which gains settle
 SURE = 2.0  # log likelihood by which another side must be better
 
 
@@ -48,7 +49,7 @@ def cooled(problem: Problem, linear: Problem | None, point: Point, hot: float,
     while ratio > COLDEST * natural and worse < PATIENCE and flat < 2:
         noise = Noise(ratio, None, problem.scale, ratio)
         gains = observers(problem, linear, point, noise)
-        turned = sides(problem, point, gains)
+        turned = sides(problem, point, gains) if stage < DECIDED else point
         if turned is not point:
             point, gains = turned, observers(problem, linear, turned, noise)
         point, cost = approach(boxed, point, gains, steps, hold=problem.later if stage < QUIET else None)
@@ -68,7 +69,27 @@ def cooled(problem: Problem, linear: Problem | None, point: Point, hot: float,
 def observers(problem: Problem, linear: Problem | None, point: Point, noise: Noise) -> list[Gains]:
     """A frozen observer per trace."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return [f.gains for f in filtered(linear or problem, point, noise)]
+        if linear is None or not all(np.isfinite(t.outputs).all() for t in problem.traces):
+            return [f.gains for f in filtered(linear or problem, point, noise)]
+        return _steady(linear, point, noise)
+
+
+def _steady(linear: Problem, point: Point, noise: Noise) -> list[Gains]:
+    """The gains of a linear drive, which do not depend on the record: worked out until they stand still."""
+    longest = {}
+    for i, t in enumerate(linear.traces):
+        if t.step not in longest or t.size > linear.traces[longest[t.step]].size:
+            longest[t.step] = i
+    found = {}
+    for step, i in longest.items():
+        one = replace(linear, traces=(_head(linear.traces[i]),))
+        found[step] = filtered(one, Point(point.values, (point.starts[i],)), noise)[0].gains
+    gains = []
+    for t in linear.traces:
+        begun, more = found[t.step], max(t.size - HEAD, 0)
+        gains.append(Gains(*(np.concatenate([a[:t.size], np.repeat(a[-1:], more, axis=0)])
+                             for a in (begun.gain, begun.weight))))
+    return gains
 
 
 def frozen_value(problem: Problem, point: Point, gains: Sequence[Gains]) -> float:
@@ -96,6 +117,7 @@ def within(problem: Problem, point: Point, share: float) -> Problem:
     return replace(problem, low=low, high=high)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
     """The point, with traces begun on the other side of a gap or inside it where that fits better.
 
@@ -103,20 +125,24 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
     """
     starts, turned = list(point.starts), False
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, False), strict=True)):
-        system = plant.system
-        if system.ng == 0:
-            continue
-        head = replace(problem, traces=(_head(trace),))
-        first = [Gains(gains[i].gain[:HEAD], gains[i].weight[:HEAD])]
-        lowest = frozen_value(head, Point(point.values, (starts[i],)), first)
+        system, head = plant.system, _head(trace)
+        first = Gains(gains[i].gain[:HEAD], gains[i].weight[:HEAD])
+
+        def value(start: np.ndarray, plant=plant, head=head, first=first) -> float:
+            error = ((plant.outputs(head, start, first) - head.outputs) * first.weight).ravel()
+            error = error[np.isfinite(head.outputs).ravel()]
+            cost = float(error @ error)
+            return 0.5 * len(error) * float(np.log(cost)) if 0.0 < cost < np.inf else np.inf
+
+        lowest = value(starts[i]) if system.ng else 0.0
         for spring, reach in zip(system.spring[:, :, 0], system.reach[:, 0], strict=True):
             twist = np.flatnonzero(spring)[-1]
             for torque in (0.0, 1.01 * reach, -1.01 * reach):
                 trial = starts[i].copy()
                 trial[twist] += (torque - spring @ trial) / spring[twist]
-                value = frozen_value(head, Point(point.values, (trial,)), first)
-                if value < lowest - SURE:
-                    lowest, starts[i], turned = value, trial, True
+                found = value(trial)
+                if found < lowest - SURE:
+                    lowest, starts[i], turned = found, trial, True
     return Point(point.values, tuple(starts)) if turned else point
 
 

@@ -93,21 +93,21 @@ def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
 
 def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated."""
-    matrix, slope, inverses = normal.shared.copy(), normal.slope.copy(), []
-    for cross, own, own_slope in zip(normal.cross, normal.own, normal.own_slope, strict=True):
-        inverse = _inverse(own, damping)
+    matrix, slope = normal.shared.copy(), normal.slope.copy()
+    inverses = _inverses(np.array(normal.own), damping)
+    for cross, inverse, own_slope in zip(normal.cross, inverses, normal.own_slope, strict=True):
         matrix -= cross @ inverse @ cross.T
         slope -= cross @ (inverse @ own_slope)
-        inverses.append(inverse)
-    return matrix, slope, inverses
+    return matrix, slope, list(inverses)
 
 
-def _inverse(own: np.ndarray, damping: float) -> np.ndarray:
-    """Inverse of a start-state block; a state without influence does not move."""
-    size = np.sqrt(np.diag(own))
+def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
+    """Inverses of start-state blocks (traces, m, m); a state without influence does not move."""
+    size = np.sqrt(np.einsum("sii->si", own))
     size[size == 0.0] = 1.0
-    scaled = own / np.outer(size, size) + (damping + 1e-12) * np.eye(len(own))
-    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
+    square = size[:, :, None] * size[:, None, :]
+    scaled = own / square + (damping + 1e-12) * np.eye(own.shape[1])
+    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
 
 
 def _step(problem: Problem, point: Point, normal: Normal, damping: float, hold: np.ndarray | None):
