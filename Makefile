@@ -19,6 +19,7 @@ study: $(VENV)/ready
 	$(BIN)/python -m pytest -m study -s
 
 bench: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test,bench]"
 	$(BIN)/python -m pytest -m bench -s
 
 fuzz: $(VENV)/ready

@@ -15,7 +15,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Parameter, Starts
 
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
@@ -62,7 +62,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
-        fit=plain(estimate.fit), findings=finding_sections(estimate.findings),
+        fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=finding_sections(estimate.findings),
         covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
         details=plain(estimate.details), data=file_sections(estimate.data), inputs=file_sections(inputs),
         options=plain(estimate.options))
@@ -128,6 +128,11 @@ def _covariance(covariance: Covariance | None) -> shapes.CovarianceSection | Non
     if not keep or any(value is None for row in rows for value in row):
         return None
     return shapes.CovarianceSection(names=[covariance.names[i] for i in keep], matrix=rows)
+
+
+def _starts(starts: Starts | None) -> shapes.StartsSection | None:
+    """How the starts agreed; None where there was no choice."""
+    return None if starts is None else shapes.StartsSection(**plain(asdict(starts)))
 
 
 def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]:

@@ -62,6 +62,15 @@ class CovarianceSection(Shape):
     matrix: list[list[float]]
 
 
+class StartsSection(Shape):
+    """How the starts of the fit agreed."""
+
+    tried: Annotated[int, Meta(description="descents from different starts")]
+    agreed: Annotated[int, Meta(description="those that ended as good as the best")]
+    spread: Annotated[dict[str, float], Meta(
+        description="largest difference between the values that these ended at")] = {}
+
+
 class FindingSection(Shape):
     """Something a person should know."""
 
@@ -199,6 +208,7 @@ class ParameterFile(Shape):
         dict[str, ParameterSection | float],
         Meta(description="by name; a bare number is in the drive's own unit")] = {}
     fit: dict[str, float | int | str | None] = {}
+    starts: StartsSection | None = None
     findings: list[FindingSection] = []
     covariance: CovarianceSection | None = None
     diagnosis: DiagnosisSection | None = None

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
+from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
-
-CONFIRMED = 5.0  # log likelihood within which a second start must come
 
 
 def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
@@ -65,12 +65,31 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
-        record_exhibits(outcome, traces, runs))
+        record_exhibits(outcome, traces, runs), starts_of(outcome))
+
+
+def starts_of(outcome: Outcome) -> Starts:
+    """How many starts came to the best value, and how far apart their parameters ended."""
+    ends = [s["reached"] for s in outcome.starts if agrees(outcome, s)]
+    spread = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in outcome.task.free} if ends else {}
+    return Starts(len(outcome.starts), len(ends), spread)
+
+
+def agrees(outcome: Outcome, start: Mapping[str, Any]) -> bool:
+    """Whether a start ended as good as the best one, and at the same values."""
+    behind = start.get("minus_log_likelihood_above_best")
+    if behind is None:
+        behind = 0.5 * outcome.problem.count * float(np.log(start["cost_over_best"]))
+    return behind < CONFIRMED and start.get("apart", 0.0) < APART
 
 
 def unsettled(outcome: Outcome) -> bool:
     """Whether the fit was still finding better values when stopped, or no other start confirms it."""
-    if outcome.fit is None or not outcome.task.free or outcome.fit.converged:
+    if outcome.fit is None or not outcome.task.free:
+        return False
+    if "apart" in outcome.starts[0] and sum(agrees(outcome, s) for s in outcome.starts) < 2:
+        return True
+    if outcome.fit.converged:
         return False
     others = sorted(s["minus_log_likelihood_above_best"] for s in outcome.starts)
     return outcome.fit.gain > STILL or (len(others) > 1 and others[1] > CONFIRMED)

@@ -3,68 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.errors import BadOption
+from drivetool.identify.cooling import cooled, observers, sides
 from drivetool.identify.innovations import Fit, fit_innovations, settle
-from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.least_squares import Solution, approach, solve
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import Roles, first_point, first_states, problem_of, replaced, traces_of
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.search import Descent, apart, searched, values_of
+from drivetool.identify.setup import first_point, first_states
+from drivetool.identify.task import Outcome, Task
+
+__all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run",
+           "frozen", "looks_coloured", "segment_states"]
 
 SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 SCREEN = 3  # rounds after which only the best two of several starts go on
+HOPEFUL = 50.0  # log likelihood behind the best so far up to which a descent goes on
 COLOUR_GAIN = 10.0  # log likelihood that two more noise parameters must bring
-
-
-@dataclass(frozen=True)
-class Task:
-    """A drive to be fitted to recordings."""
-
-    drive: Drive
-    free: tuple[str, ...]
-    roles: Roles
-    experiments: tuple[Experiment, ...]
-
-    def problem(self, segment: float = 0.0, free: Sequence[str] | None = None) -> Problem:
-        """The least-squares problem, with traces cut to `segment` seconds if above zero."""
-        free = self.free if free is None else tuple(free)
-        return problem_of(self.drive, free, self.roles, traces_of(self.experiments, self.roles, segment))
-
-    def at(self, values: Mapping[str, float]) -> Task:
-        """The task with other values of the drive."""
-        return replace(self, drive=replaced(self.drive, list(values), np.array(list(values.values()))))
-
-    def at_point(self, point: Point) -> Task:
-        """The task at fitted values."""
-        return self.at(dict(zip(self.free, point.values, strict=True)))
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A fit by one criterion: problem and point, residual noise, and how the starts agreed.
-
-    fit     by innovations, None for a simulation-error fit
-    starts  one mapping per start: values, -log likelihood or cost, whether it reached the best
-    """
-
-    task: Task
-    problem: Problem
-    solution: Solution
-    fit: Fit | None
-    starts: tuple[dict, ...]
-    converged: bool
-
-    @property
-    def drive(self) -> Drive:
-        """The drive with the fitted values."""
-        return self.task.at_point(self.solution.point).drive
 
 
 def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]]) -> Outcome:
@@ -72,13 +33,73 @@ def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]]
     if not task.free:
         raise BadOption("at least one free parameter", "all held", "Release one with --free NAME.")
     if options.criterion == "simulation":
-        return by_simulation(task, SEGMENT if options.segment is None else options.segment, starts)
-    return by_innovations(task, starts)
+        segment = SEGMENT if options.segment is None else options.segment
+        return by_simulation(task, segment, starts, options.seed, options.starts)
+    return by_innovations(task, starts, options.seed, options.starts)
 
 
-def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome:
-    """Innovations fit; with a gap or friction also through the gains of the linear drive."""
+def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int = 1,
+                   most: int | None = None) -> Outcome:
+    """Innovations fit; across a gap from several starts, until two agree.
+
+    most  starts across a gap; None: as many as it takes
+    """
     problem = task.problem()
+    if not is_hard(task):
+        return _simply(task, problem, starts)
+    linear, lowest = task.linear_problem(), np.inf
+
+    def descend(start: Task, way: str, hot: float) -> tuple[float, Fit, Task]:
+        nonlocal lowest
+        point = Point(values_of(start), first_states(start.drive, task.roles, problem.traces))
+        point, ratio = cooled(problem, linear if way == "linear" else None, point, hot)
+        noise = fit_ratio(problem, point, Noise(ratio, None, problem.scale), quick=True)
+        fit = fit_innovations(problem, point, noise, arrived=True, most=SCREEN)
+        if not fit.converged and fit.value < lowest + HOPEFUL:
+            fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
+        lowest = min(lowest, fit.value)
+        return fit.value, fit, task.at_point(fit.point)
+
+    def gap(one: Fit, other: Fit) -> float:
+        return apart(problem, one.solution, other.solution)
+
+    found = searched(task, starts, seed, descend, gap, most)
+    best = min((d.end for d in found), key=lambda f: f.value)
+    if not best.converged:
+        further = fit_innovations(problem, best.point, best.noise, arrived=True)
+        best = min(best, further, key=lambda f: f.value)
+    best = settle(problem, best)
+    tried = [{**_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
+                      d.end, best), "apart": gap(best, d.end)} for d in found]
+    return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+
+
+def again(task: Task, noise: Noise) -> Outcome:
+    """Innovations fit from the values and the noise of an earlier fit: one start will do."""
+    if not is_hard(task):
+        return by_innovations(task, [{}])
+    problem = task.problem()
+    point = first_point(task.drive, problem, task.roles)
+    point = sides(problem, point, observers(problem, task.linear_problem(), point, noise))
+    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None), arrived=True))
+    return Outcome(task, problem, fit.solution, fit, (_told(task, {"way": "again"}, fit, fit),), fit.converged)
+
+
+def is_hard(task: Task) -> bool:
+    """Whether shape parameters are free across a gap: then the likelihood has many peaks."""
+    acts = any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+               for n in task.drive.quantities)
+    return acts and any(n.endswith((".inertia", ".stiffness")) for n in task.free)
+
+
+def _told(task: Task, entry: dict, fit: Fit, best: Fit) -> dict:
+    """A start with where it led."""
+    return {**entry, "minus_log_likelihood_above_best": float(max(fit.value - best.value, 0.0)),
+            "reached": {n: float(v) for n, v in zip(task.free, fit.point.values, strict=True)}}
+
+
+def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]]) -> Outcome:
+    """From every start; with a gap also through the gains of the linear drive."""
     fits: list[Fit] = []
     tried = []
     several = len(starts) > 1
@@ -86,15 +107,11 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]]) -> Outcome
         start = task.at(values)
         point = first_point(start.drive, problem, task.roles)
         for way in _ways(start):
-            linear = None if way == "direct" else problem_of(
-                _linear(start.drive), (), task.roles, problem.traces)
-            fits.append(fit_innovations(problem, point, linear=_same_values(linear, problem),
-                                        most=SCREEN if several else 12))
+            linear = None if way == "direct" else start.linear_problem()
+            fits.append(fit_innovations(problem, point, linear=linear, most=SCREEN if several else 12))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
-    for entry, fit in zip(tried, fits, strict=True):
-        entry["minus_log_likelihood_above_best"] = float(max(fit.value - best.value, 0.0))
-        entry["reached"] = {n: float(v) for n, v in zip(task.free, fit.point.values, strict=True)}
+    tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
 
 
@@ -108,23 +125,9 @@ def _polished(problem: Problem, fits: Sequence[Fit]) -> Fit:
 
 def _ways(task: Task) -> tuple[str, ...]:
     """A nonlinear drive has several optima: two ways in."""
-    acts = [n for n in task.drive.quantities if n.endswith((".half_gap", ".coulomb"))
-            and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)]
-    return ("direct", "constant gain") if any(n.endswith("half_gap") for n in acts) else ("direct",)
-
-
-def _linear(drive: Drive) -> Drive:
-    flat = {n: 0.0 for n in drive.quantities if n.endswith((".half_gap", ".coulomb"))}
-    return replace(drive, values={**drive.values, **flat})
-
-
-def _same_values(linear: Problem | None, problem: Problem) -> Problem | None:
-    """The linear problem accepts the nonlinear one's point: it ignores its values."""
-    if linear is None:
-        return None
-    build = linear.build
-    return replace(linear, build=lambda values, trace, gradient, memory: build(
-        np.empty(0), trace, gradient, memory))
+    gap = any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+              for n in task.drive.quantities)
+    return ("direct", "constant gain") if gap else ("direct",)
 
 
 def frozen(task: Task) -> Outcome:
@@ -172,33 +175,60 @@ def looks_coloured(passes: Sequence[Filtered]) -> bool:
     return bool(total > chi2.isf(1e-4, 19))
 
 
-def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, float]]) -> Outcome:
-    """Simulation-error fit on segments with free start states.
+def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, float]], seed: int = 1,
+                  most: int | None = None, near: bool = False) -> Outcome:
+    """Simulation-error fit on segments with free start states; across a gap until two starts agree.
 
     segment  length [s]; 0: one free run per record
+    most     starts across a gap; None: as many as it takes
+    near     the task's values are those of an earlier fit: one start will do
     """
     problem = task.problem(segment)
-    solutions, tried = [], []
-    for values in starts:
-        start = task.at(values)
-        states = segment_states(start, problem.traces)
-        point = replace(first_point(start.drive, problem, task.roles), starts=states)
+    linear = task.linear_problem(segment)
+    hard = is_hard(task) and not near
+
+    def descend(start: Task, way: str, hot: float) -> tuple[float, Solution, Task]:
+        point = Point(values_of(start), segment_states(start, problem.traces, hot))
+        point, _ = cooled(problem, linear if way == "linear" else None, point, hot)
+        return ended(solve(problem, point, relative=1e-7, most=30))
+
+    def directly(start: Task) -> tuple[float, Solution, Task]:
+        point = Point(values_of(start), segment_states(start, problem.traces))
         first = solve(problem, point, relative=1e-5, hold=problem.later)
-        solutions.append(solve(problem, first.point, relative=1e-10, most=100))
-        tried.append({k: float(v) for k, v in values.items()})
-    best = min(solutions, key=lambda s: s.cost)
-    for entry, solution in zip(tried, solutions, strict=True):
-        entry["cost_over_best"] = float(solution.cost / best.cost) if best.cost > 0.0 else 1.0
-    return Outcome(task, problem, best, None, tuple(tried), best.converged)
+        return ended(solve(problem, first.point, relative=1e-10, most=100))
+
+    def ended(solution: Solution) -> tuple[float, Solution, Task]:
+        return 0.5 * problem.count * np.log(max(solution.cost, 1e-300)), solution, task.at_point(solution.point)
+
+    if hard:
+        found = searched(task, starts, seed, descend, lambda one, other: apart(problem, one, other), most)
+    else:
+        found = [Descent(values, "direct", *directly(task.at(values))[:2]) for values in starts]
+    best = min((d.end for d in found), key=lambda s: s.cost)
+    if hard:
+        best = solve(problem, best.point, relative=1e-10, most=100)
+    tried = tuple({"way": d.way, **{f"start {k}": float(v) for k, v in d.start.items()},
+                   "cost_over_best": float(d.end.cost / best.cost) if best.cost > 0.0 else 1.0,
+                   "apart": apart(problem, best, d.end),
+                   "reached": dict(zip(task.free, d.end.point.values.tolist(), strict=True))} for d in found)
+    return Outcome(task, problem, best, None, tried, best.converged)
 
 
-def segment_states(task: Task, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
-    """Start states of segments from a Kalman pass over each segment's own record."""
+def segment_states(task: Task, traces: Sequence[Trace], hot: float | None = None) -> tuple[np.ndarray, ...]:
+    """Start states of segments from a Kalman pass over the whole record.
+
+    hot  torque noise on every body, over that which moves the output by its sensor noise; None:
+         of the motor alone, as the record has it
+    """
     whole = task.problem(free=())
     if len(whole.traces) == len(traces):
         return first_states(task.drive, task.roles, traces)
     point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
-    noise = fit_ratio(whole, point, Noise(1.0, None, whole.scale))
+    if hot is None:
+        noise = fit_ratio(whole, point, Noise(1.0, None, whole.scale))
+    else:
+        ratio = hot * natural_ratio(whole, point)
+        noise = Noise(ratio, None, whole.scale, ratio)
     found = []
     for trace, passed in zip(whole.traces, filtered(whole, point, noise), strict=True):
         done = 0
@@ -222,8 +252,9 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None,
     found = []
     for i, trace in enumerate(problem.traces):
         alone = replace(problem, traces=(trace,))
-        tries = [solve(alone, Point(point.values, (s[i],)), most=40) for s in (point.starts, starts)]
-        found.append(min(tries, key=lambda s: s.cost).point.starts[0])
+        tries = [approach(alone, Point(point.values, (s[i],)), None, 5) for s in (point.starts, starts)]
+        begun, _ = min(tries, key=lambda pair: pair[1])
+        found.append(solve(alone, begun, most=40).point.starts[0])
     point = Point(point.values, tuple(found))
     plants = problem.plants(point.values, False)
     return problem, point, [plant.outputs(t, s) for plant, t, s in zip(

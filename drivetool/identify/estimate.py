@@ -41,6 +41,19 @@ class Covariance:
 
 
 @dataclass(frozen=True)
+class Starts:
+    """How the starts of a fit agreed.
+
+    tried   descents made, from different starts; agreed: those that ended as good as the best
+    spread  largest difference between the values that these ended at, per fitted parameter
+    """
+
+    tried: int
+    agreed: int
+    spread: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Exhibit:
     """Signals that a picture is drawn from.
 
@@ -68,6 +81,7 @@ class Estimate:
     noise       sensor_std per output, torque_std, torque_correlation_time ...
     details     what else the step found, as plain numbers, strings, lists and mappings
     data        (file name, sha256) per recording
+    starts      how the starts agreed, where there was a choice
     """
 
     step: str
@@ -82,3 +96,4 @@ class Estimate:
     data: tuple[tuple[str, str], ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
+    starts: Starts | None = None

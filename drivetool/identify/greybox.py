@@ -18,6 +18,7 @@ from drivetool.identify.engine import (
     SEGMENT,
     Outcome,
     Task,
+    again,
     by_innovations,
     by_simulation,
     coloured,
@@ -144,8 +145,8 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
         free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *parts} - {total})
         task = replace(outcome.task, drive=drive.with_values(values), free=free)
         if _tells_apart(task, outcome, parts, whole):
-            trial = (by_innovations(task, [{}]) if outcome.fit is not None
-                     else by_simulation(task, _segment(options), [{}]))
+            trial = (again(task, outcome.fit.noise) if outcome.fit is not None
+                     else by_simulation(task, _segment(options), [{}], near=True))
             if _better(trial, outcome):
                 outcome = trial
     return outcome
@@ -203,8 +204,9 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     figures: dict[str, float] = {}
     try:
         for name, fitted in (
-            ("innovations", lambda t: coloured(by_innovations(t, [{}]))),
-            ("simulation", lambda t: by_simulation(t, _segment(options), [{}])),
+            ("innovations", lambda t: coloured(
+                by_innovations(t, [{}]) if outcome.fit is None else again(t, outcome.fit.noise))),
+            ("simulation", lambda t: by_simulation(t, _segment(options), [{}], near=True)),
         ):
             point = fitted(replace(task, experiments=tuple(train))).solution.point
             check = replace(task.at_point(point), experiments=tuple(rest))

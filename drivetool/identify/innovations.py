@@ -48,38 +48,41 @@ class Fit:
 
 
 def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, *,
-                    linear: Problem | None = None, most: int = 12) -> Fit:
+                    linear: Problem | None = None, most: int = 12, arrived: bool = False) -> Fit:
     """Fit from a point.
 
     noise    first guess; None: estimated at the start point, where a large ratio found for a bad
              start makes the fit easy and so acts as a continuation
     linear   the problem whose gains are used in the first round instead of its own: without gap
              and friction they are constant, a second way into the optimum
+    arrived  the point is near its optimum: few steps a round from the beginning
     returns  Fit
     """
     if noise is None:
         noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     best: Fit | None = None
-    rounds, lowest = 0, []
+    rounds, lowest, before = 0, [], np.inf
     for rounds in range(1, most + 1):
         source = linear if linear is not None and rounds <= 2 else problem
         gains = [f.gains for f in filtered(source, point, noise)]
-        solution = _solve(problem, point, gains, noise, rounds)
+        solution = _solve(problem, point, gains, noise, rounds + 2 if arrived else rounds)
         moved = _distance(problem, point, solution)
         solution = _backed_off(problem, point, solution, noise)
         point = solution.point
-        settled = rounds >= 2
-        around = None if rounds == 2 and noise.memory is None else noise.ratio
+        settled = arrived or rounds >= 2
+        around = None if rounds == 2 and noise.memory is None and not arrived else noise.ratio
         fresh = fit_ratio(problem, point, noise, around, settled)
         fresh = _sensor_scales(problem, point, fresh)
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
+        still = moved < 0.05 and (change < 0.05 or (bool(lowest) and abs(value - before) < 0.02))
+        before = value
         lowest.append(min(value, lowest[-1]) if lowest else value)
         if best is None or value < best.value + WORSE:
             best = Fit(solution, noise, value, tuple(passes), rounds, 0.0, False)
-        if moved < 0.05 and change < 0.05 and rounds >= 3 and source is problem:
+        if still and rounds >= (2 if arrived else 3) and source is problem:
             return replace(best, rounds=rounds, converged=True)
     gain = lowest[-4] - lowest[-1] if len(lowest) > 3 else np.inf
     return replace(best, rounds=rounds, gain=float(gain))

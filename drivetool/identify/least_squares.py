@@ -43,18 +43,7 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     """
     normal = problem.normal(point, gains)
     for iteration in range(1, most + 1):
-        accepted = None
-        while accepted is None and damping < 1e12:
-            step, own = _step(problem, point, normal, damping, hold)
-            trial = problem.moved(point, step, own)
-            if _too_far(problem, point, trial):
-                damping *= 4.0
-                continue
-            cost = problem.cost(trial, gains)
-            if cost < normal.cost:
-                accepted = trial
-            else:
-                damping *= 4.0
+        accepted, cost, damping = _accepted(problem, point, normal, gains, damping, hold)
         if accepted is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - cost < relative * normal.cost
@@ -63,6 +52,36 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
         if done:
             return Solution(point, normal, iteration, True)
     return Solution(point, normal, most, False)
+
+
+def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most: int, *,
+             relative: float = 1e-6, damping: float = 1e-3,
+             hold: np.ndarray | None = None) -> tuple[Point, float]:
+    """A few steps towards the minimum: (point, cost there), no normal equations at the end."""
+    cost = np.inf
+    for _ in range(most):
+        normal = problem.normal(point, gains)
+        accepted, new, damping = _accepted(problem, point, normal, gains, damping, hold)
+        if accepted is None:
+            return point, normal.cost
+        point, cost, damping = accepted, new, max(damping / 8.0, 1e-12)
+        if normal.cost - cost < relative * normal.cost:
+            break
+    return point, cost
+
+
+def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Gains] | None, damping: float,
+              hold: np.ndarray | None) -> tuple[Point | None, float, float]:
+    """(a better point, its cost, damping that it took); no point if none is better."""
+    while damping < 1e12:
+        step, own = _step(problem, point, normal, damping, hold)
+        trial = problem.moved(point, step, own)
+        if not _too_far(problem, point, trial):
+            cost = problem.cost(trial, gains)
+            if cost < normal.cost:
+                return trial, cost, damping
+        damping *= 4.0
+    return None, normal.cost, damping
 
 
 def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
@@ -74,21 +93,21 @@ def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
 
 def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated."""
-    matrix, slope, inverses = normal.shared.copy(), normal.slope.copy(), []
-    for cross, own, own_slope in zip(normal.cross, normal.own, normal.own_slope, strict=True):
-        inverse = _inverse(own, damping)
+    matrix, slope = normal.shared.copy(), normal.slope.copy()
+    inverses = _inverses(np.array(normal.own), damping)
+    for cross, inverse, own_slope in zip(normal.cross, inverses, normal.own_slope, strict=True):
         matrix -= cross @ inverse @ cross.T
         slope -= cross @ (inverse @ own_slope)
-        inverses.append(inverse)
-    return matrix, slope, inverses
+    return matrix, slope, list(inverses)
 
 
-def _inverse(own: np.ndarray, damping: float) -> np.ndarray:
-    """Inverse of a start-state block; a state without influence does not move."""
-    size = np.sqrt(np.diag(own))
+def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
+    """Inverses of start-state blocks (traces, m, m); a state without influence does not move."""
+    size = np.sqrt(np.einsum("sii->si", own))
     size[size == 0.0] = 1.0
-    scaled = own / np.outer(size, size) + (damping + 1e-12) * np.eye(len(own))
-    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(size, size)
+    square = size[:, :, None] * size[:, None, :]
+    scaled = own / square + (damping + 1e-12) * np.eye(own.shape[1])
+    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
 
 
 def _step(problem: Problem, point: Point, normal: Normal, damping: float, hold: np.ndarray | None):

@@ -22,11 +22,14 @@ class Noise:
     ratio   std of the torque noise per sample over the std of the first sensor
     memory  its correlation from sample to sample; None: white
     scale   (ny,) std of the sensors relative to the first
+    others  std of a torque noise on each further body, over that of the first sensor: no belief,
+            but what keeps the filter listening on the way from a rough start
     """
 
     ratio: float
     memory: float | None
     scale: np.ndarray
+    others: float = 0.0
 
 
 def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) -> list[Filtered]:
@@ -37,6 +40,8 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
                                strict=True):
         nx = plant.nx
         extra, covariance, white = np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        further = slice(1, problem.bodies)
+        extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2
         if noise.memory is not None:
             extra[-1] = white * (1.0 - noise.memory**2)
             covariance[-1, -1] = white
@@ -137,11 +142,12 @@ def excerpt(problem: Problem, most: int = ENOUGH) -> Problem:
 
 
 def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None = None,
-              settled: bool = False) -> Noise:
+              settled: bool = False, quick: bool = False) -> Noise:
     """Maximum likelihood of the noise ratio (and memory) at fixed parameters.
 
     around   a ratio to search near; None: over eight decades
     settled  whether the point is near its optimum: then by restricted likelihood
+    quick    to half a decade only
     """
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
@@ -168,7 +174,7 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
     else:
         grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
-    best = _parabola(lambda g: value(np.array([g])), grid)
+    best = _parabola(lambda g: value(np.array([g])), grid, 0 if quick else 4)
     return replace(noise, ratio=float(np.exp(best)))
 
 

@@ -46,6 +46,7 @@ class Problem:
     scale      (ny,) sensor standard deviations relative to the first output
     memory     correlation of the torque disturbance state from sample to sample, or None
     later      (k,) parameters to leave alone in the first round of a fit
+    bodies     number of bodies, whose speeds are the first states
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -58,6 +59,7 @@ class Problem:
     scale: np.ndarray
     memory: float | None = None
     later: np.ndarray | None = None
+    bodies: int = 1
 
     @property
     def count(self) -> int:

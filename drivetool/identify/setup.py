@@ -17,6 +17,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.logs.experiment import Experiment
 
 INPUTS = ("motor_torque", "load_torque", "motor2_torque")
+SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
 # Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
 # measurement and must not count twice.
 SENSORS = (("motor_speed", "motor_angle"), ("load_speed", "load_angle"), ("shaft_torque",))
@@ -96,7 +97,21 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
         np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces),
-        later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool))
+        later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
+        bodies=len(drive.bodies))
+
+
+def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
+    """The same problem without gaps and Coulomb friction, which takes the same points."""
+    free = tuple(free)
+    flat = {n: 0.0 for n in drive.quantities if n.endswith(SWITCHING)}
+
+    def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
+        trial = replaced(drive, free, values)
+        layout = Layout((), roles.inputs, roles.outputs, trace.step, memory, gradient)
+        return plant_of(replace(trial, values={**trial.values, **flat}), layout)
+
+    return replace(problem_of(drive, free, roles, traces), build=build)
 
 
 def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:

@@ -1,0 +1,64 @@
+"""What is to be fitted to which recordings, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.identify.innovations import Fit
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.problem import Point, Problem
+from drivetool.identify.setup import Roles, linear_problem_of, problem_of, replaced, traces_of
+from drivetool.logs.experiment import Experiment
+
+
+@dataclass(frozen=True)
+class Task:
+    """A drive to be fitted to recordings."""
+
+    drive: Drive
+    free: tuple[str, ...]
+    roles: Roles
+    experiments: tuple[Experiment, ...]
+
+    def problem(self, segment: float = 0.0, free: Sequence[str] | None = None) -> Problem:
+        """The least-squares problem, with traces cut to `segment` seconds if above zero."""
+        free = self.free if free is None else tuple(free)
+        return problem_of(self.drive, free, self.roles, traces_of(self.experiments, self.roles, segment))
+
+    def linear_problem(self, segment: float = 0.0) -> Problem:
+        """The same without gaps and Coulomb friction, for observers; it takes the same points."""
+        return linear_problem_of(self.drive, self.free, self.roles,
+                                 traces_of(self.experiments, self.roles, segment))
+
+    def at(self, values: Mapping[str, float]) -> Task:
+        """The task with other values of the drive."""
+        return replace(self, drive=replaced(self.drive, list(values), np.array(list(values.values()))))
+
+    def at_point(self, point: Point) -> Task:
+        """The task at fitted values."""
+        return self.at(dict(zip(self.free, point.values, strict=True)))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A fit by one criterion: problem and point, residual noise, and how the starts agreed.
+
+    fit     by innovations, None for a simulation-error fit
+    starts  one mapping per start: values, -log likelihood or cost, whether it reached the best
+    """
+
+    task: Task
+    problem: Problem
+    solution: Solution
+    fit: Fit | None
+    starts: tuple[dict, ...]
+    converged: bool
+
+    @property
+    def drive(self) -> Drive:
+        """The drive with the fitted values."""
+        return self.task.at_point(self.solution.point).drive

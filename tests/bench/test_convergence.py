@@ -1,0 +1,100 @@
+"""From rough starts to the right optimum, through the estimator that the command calls."""
+
+from __future__ import annotations
+
+import os
+import time
+from functools import cache
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import Drive
+from drivetool.identify.engine import Task, by_innovations, by_simulation
+from drivetool.identify.greybox import chosen, default_free, greybox
+from drivetool.identify.options import Options
+from drivetool.identify.results import covariance_of
+from drivetool.identify.setup import roles_of
+from tests.bench.records import CASES, Case
+
+AS_GOOD = 1.0  # log likelihood within which a fit has reached that of the one started at the truth
+COST = 1.02  # the same for the cost of a simulation-error fit
+WANTED = {0.15: 19 / 20, 0.4: 16 / 20}
+EXACT_TORQUE = ("main", "even")  # elsewhere torque noise biases a simulation-error fit
+
+
+def task_of(case: Case, drive: Drive) -> Task:
+    """What greybox fits with the case's parameters freed and its other frictions held."""
+    record = case.record()
+    free = chosen(drive, default_free(drive, [record]), Options(free=case.free, hold=case.hold))
+    return Task(drive, free, roles_of([record], drive), (record,))
+
+
+def fitted(case: Case, drive: Drive, criterion: str):
+    """The fit that greybox makes, without what it reports beside it."""
+    task = task_of(case, drive)
+    assert set(task.free) == set(case.free)
+    return by_innovations(task, [{}]) if criterion == "innovations" else by_simulation(task, 2.0, [{}])
+
+
+@cache
+def goal(name: str, criterion: str) -> tuple[float, np.ndarray]:
+    """(value of the fit started at the truth, predicted std there)."""
+    case = CASES[name]
+    outcome = fitted(case, case.start(), criterion)
+    covariance, _, _ = covariance_of(outcome.problem, outcome.solution)
+    return value_of(outcome), np.sqrt(np.diag(covariance))
+
+
+def value_of(outcome) -> float:
+    return outcome.solution.cost if outcome.fit is None else outcome.fit.value
+
+
+def reached(name: str, criterion: str, off: float, seed: int) -> tuple[bool, str]:
+    """(whether a start reaches the optimum, what to print)."""
+    case, (best, std) = CASES[name], goal(name, criterion)
+    outcome = fitted(case, case.start(off, seed), criterion)
+    value = value_of(outcome)
+    good = value < best + AS_GOOD if criterion == "innovations" else value < COST * best
+    true = np.array([case.truth[n] for n in outcome.task.free])
+    error = np.abs(outcome.solution.point.values - true)
+    near = bool(np.all(error < np.maximum(0.05 * true, 3.0 * std)))
+    return bool(good) and near, f"{value - best:.4g} above, worst {100 * np.max(error / true):.1f} %"
+
+
+@pytest.mark.parametrize(("name", "criterion", "off"), [
+    ("main", "simulation", 0.4), ("heavy", "innovations", 0.4), ("three", "innovations", 0.15)])
+def test_a_rough_start_reaches_the_optimum(name, criterion, off):
+    good, words = reached(name, criterion, off, 2)
+    assert good, words
+
+
+def test_the_estimate_says_how_its_starts_agreed():
+    case = CASES["even"]
+    record = case.record()
+    estimate = greybox([record], case.start(0.4, 4), Options(free=case.free, hold=case.hold))
+    assert estimate.starts.tried >= 2 and estimate.starts.agreed >= 2
+    for p in estimate.parameters:
+        if p.status == "fitted":
+            assert abs(p.value - case.truth[p.name]) < max(0.05 * case.truth[p.name], 3.0 * p.std)
+            # What agreed did not end further apart than the interval is wide.
+            assert estimate.starts.spread[p.name] < 4.0 * p.std
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("criterion", ["innovations", "simulation"])
+@pytest.mark.parametrize("name", CASES)
+def test_twenty_rough_starts(name, criterion):
+    """19 of 20 at +-15 %, 16 of 20 at +-40 %; DRIVETOOL_STUDY_STARTS sets the count."""
+    if criterion == "simulation" and name not in EXACT_TORQUE:
+        pytest.skip("torque noise biases a simulation-error fit")
+    count = int(os.environ.get("DRIVETOOL_STUDY_STARTS", "20"))
+    shares = {}
+    for off in WANTED:
+        began = time.perf_counter()
+        found = [reached(name, criterion, off, 1000 + k) for k in range(count)]
+        shares[off] = sum(good for good, _ in found) / count
+        print(f"\n{name}, {criterion}, +-{100 * off:.0f} %: {sum(g for g, _ in found)} of {count}, "
+              f"{(time.perf_counter() - began) / count:.1f} s each",
+              "; ".join(f"start {k}: {words}" for k, (g, words) in enumerate(found) if not g), flush=True)
+    assert all(shares[off] >= wanted for off, wanted in WANTED.items()), shares
