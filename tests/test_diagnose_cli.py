@@ -36,8 +36,8 @@ def asked(monkeypatch):
     """What the stand-in was asked; `answer` is what it gives or raises."""
     seen = types.SimpleNamespace(answer=diagnosed.diagnosis())
 
-    def diagnose(experiments, drive, *, noise, sections, options, holdout):
-        seen.experiments, seen.drive, seen.noise, seen.sections = experiments, drive, noise, sections
+    def diagnose(experiments, drive, free, options, holdout):
+        seen.experiments, seen.drive, seen.free = experiments, drive, free
         seen.options, seen.holdout = options, holdout
         if isinstance(seen.answer, Exception):
             raise seen.answer
@@ -87,7 +87,7 @@ def test_the_statistics_get_what_was_given(folder, asked, call):
     assert [e.name for e in asked.holdout] == ["b.parquet", "c.parquet"]
     assert asked.options == DiagnoseOptions(("backlash", "dead-time"), 0.05, 2, 7)
     assert asked.drive.values["load.inertia"] == pytest.approx(5.179)
-    assert asked.noise["torque_std"] == 0.3 and asked.sections["motor.inertia"].status == "fitted"
+    assert asked.free == ["motor.inertia", "load.inertia"]
     content = yaml.safe_load(out)
     assert content["step"] == "diagnose" and content["diagnosis"]["causes"] == ["backlash"]
     assert [entry["file"] for entry in content["options"]["holdout"]] == ["b.parquet", "c.parquet"]

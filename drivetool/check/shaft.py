@@ -19,7 +19,9 @@ from drivetool.identify.setup import Roles, first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
 SCALE = 0.02  # relative error of the shaft torque below which it is not blamed
-STIFFER = (1.0, 0.3, 3.0)  # stiffnesses to start from: the base may have been bent to a wrong sensor
+# Where to start from besides the base, which may have been bent to a wrong sensor: shares of the load in
+# the inertia, and resonances [Hz].
+SHARES, RESONANCES = (0.15, 0.5, 0.85), (8.0, 20.0, 50.0)
 
 
 def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], wanted: Sequence[str],
@@ -36,9 +38,9 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         return tuple(experiments), drive, []
     task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
     models = []
-    for stiffer in STIFFER:
+    for values in ({}, *_elsewhere(drive)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            models.append(_fitted(task, stiffer))
+            models.append(_fitted(task.at(values)))
     if not models:
         return tuple(experiments), drive, []
     model = min(models, key=lambda m: m.value)
@@ -66,9 +68,21 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     return mended, model.fitted.drive, [fault]
 
 
-def _fitted(task: Task, stiffer: float) -> Model:
-    shafts = {f"{s}.stiffness": stiffer * task.drive.value(f"{s}.stiffness") for s in task.drive.shafts}
-    task = task.at(shafts)
+def _elsewhere(drive: Drive) -> list[dict[str, float]]:
+    """Other values of inertias and stiffness that leave the whole inertia as it is; for two bodies."""
+    if len(drive.bodies) != 2:
+        return []
+    motor, load = (f"{b}.inertia" for b in drive.bodies)
+    whole, shaft, found = drive.value(motor) + drive.value(load), drive.shafts[0], []
+    for share in SHARES:
+        for rate in 2.0 * np.pi * np.array(RESONANCES):
+            stiffness = rate**2 * share * (1.0 - share) * whole
+            found.append({motor: (1.0 - share) * whole, load: share * whole, f"{shaft}.stiffness": stiffness,
+                          f"{shaft}.damping": 0.06 * stiffness / rate})
+    return found
+
+
+def _fitted(task: Task) -> Model:
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))

@@ -87,7 +87,7 @@ def unsettled(outcome: Outcome) -> bool:
     """Whether the fit was still finding better values when stopped, or no other start confirms it."""
     if outcome.fit is None or not outcome.task.free:
         return False
-    if "apart" in outcome.starts[0] and sum(agrees(outcome, s) for s in outcome.starts) < 2:
+    if outcome.starts and "apart" in outcome.starts[0] and sum(agrees(outcome, s) for s in outcome.starts) < 2:
         return True
     if outcome.fit.converged:
         return False
