@@ -74,7 +74,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
                             "Record longer, or give several logs.")
     samples = samples_of(traces, train, test)
     base = base_model(task, fitted_samples(samples))
-    search = Search(base, not_ruled_out(wanted, mended), options, samples, faults)
+    search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
     return tell(search.run(), drive, options)
 
 
@@ -104,10 +104,10 @@ class Search:
     """The rounds of a diagnosis; `run` goes through them."""
 
     def __init__(self, base: Model, wanted: Sequence[str], options: DiagnoseOptions,
-                 samples: Sequence, faults: Sequence[Fault]):
+                 samples: Sequence, faults: Sequence[Fault], train: Sequence[Experiment]):
         self.first, self.options, self.samples, self.faults = base, options, samples, list(faults)
         self.candidates = [c for c in CANDIDATES if c.code in wanted]
-        self.masks = fitted_samples(samples)
+        self.masks, self.train = fitted_samples(samples), tuple(train)
         self.model, self.folds = base, folds_of(both(base, self.masks), samples)
         self.first_folds = self.folds
         self.causes: list[str] = []

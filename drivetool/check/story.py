@@ -22,6 +22,8 @@ from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.innovations import fit_innovations, settle
+from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.problem import Point, Problem
 
 if TYPE_CHECKING:
     from drivetool.check.diagnose import Search
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half of the data must show it
 # with a likelihood ratio of 100 after the base has fitted itself to them.
 VISIBLE = 6.0
+SETTLED = 5.0  # log likelihood by which the last fit may still move
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
 
@@ -153,17 +156,23 @@ def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -
 
 def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
     """The last model as an estimate: settled, with intervals, over the records it was fitted to."""
-    model = search.model
-    task = model.fitted
-    fit = fit_innovations(model.problem, model.point, model.noise, most=3)
-    if fit.value > model.value + 2.0 or not np.isfinite(fit.value):
-        fit = fit_innovations(model.problem, model.point, model.noise, most=1)
-    fit = settle(model.problem, fit)
-    outcome = Outcome(task, model.problem, fit.solution, fit, (), True)
+    model, train = search.model, search.train
+    task = replace(model.fitted, experiments=train)
+    stretches = sum(1 for e in train for a, b in e.segments if b - a >= 10)
+    problem = replace(model.problem, traces=model.problem.traces[:stretches])
+    point = Point(model.point.values, model.point.starts[:stretches])
+    fit = settle(problem, fit_innovations(problem, point, model.noise, most=3))
+    settled = fit.converged or fit.gain < SETTLED or abs(fit.value - _value(problem, point, model)) < SETTLED
+    outcome = Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled)
     start = replace(task.drive, values={**task.drive.values, **before.values})
     estimate = compose("diagnose", start, outcome)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
+
+
+def _value(problem: Problem, point: Point, model: Model) -> float:
+    """-log likelihood of the model as the search left it."""
+    return minus_log_likelihood(filtered(problem, point, model.noise, keep=False))
 
 
 def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
