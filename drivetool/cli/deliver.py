@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from drivetool.cli.outcomes import exit_code, say
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from drivetool.cli.inputs import Job
     from drivetool.files.gains_shapes import GainsFile
     from drivetool.files.shapes import ParameterFile, ValidationFile
@@ -63,12 +65,18 @@ def print_table(file: Written, per_unit: bool = False) -> None:
         print_gains(file, console, per_unit)
     elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
-        return
-    if file.step in ("spectra", "compare"):
+    elif file.step in ("spectra", "compare"):
         from drivetool.files import analysis_tables
 
         analysis_tables.print_analysis(file, console)
-        return
+    else:
+        _print_parameters(file, console)
+
+
+def _print_parameters(file: Written, console: Console) -> None:
+    """An estimate, and the diagnosis that came to it."""
+    from drivetool.files import tables
+
     if file.diagnosis is not None:
         from drivetool.files.diagnosis_table import print_diagnosis
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivetool.files import analysis_shapes as shapes
-from drivetool.files.result_file import Inputs, _files, _findings, _tool
+from drivetool.files.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.text import plain
 from drivetool.identify.compare import Comparison
 
@@ -16,9 +16,10 @@ def comparison_file(found: Comparison, inputs: Inputs = ()) -> shapes.Comparison
         structure=s.structure, name=s.name, unit=s.unit, values=plain(list(s.values)), stds=plain(list(s.stds)),
         mean=plain(s.mean), std=plain(s.std), standard_error=plain(s.standard_error)) for s in found.spread]
     return shapes.ComparisonFile(
-        schema=shapes.COMPARISON_SCHEMA, tool=_tool(), step="compare", outcome=found.outcome,
+        schema=shapes.COMPARISON_SCHEMA, tool=tool_section(), step="compare", outcome=found.outcome,
         structures=plain(structures),
         cross=[shapes.CrossSection(structure=s, fitted_on=a, checked_on=b, simulation_fit_percent=plain(v))
                for (s, a, b), v in found.cross.items()],
-        spread=spread, findings=_findings(found.findings), data=_files(found.data), inputs=_files(inputs),
+        spread=spread, findings=finding_sections(found.findings), data=file_sections(found.data),
+        inputs=file_sections(inputs),
         options=plain(found.options))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from drivetool.files import analysis_shapes as shapes
-from drivetool.files.result_file import _files, _findings, _tool
+from drivetool.files.result_file import file_sections, finding_sections, tool_section
 from drivetool.files.text import plain
 from drivetool.files.write import write_whole
 from drivetool.identify.frf import Response
@@ -23,7 +23,7 @@ def spectra_file(spectrum: Spectrum, curves: str | None = None) -> shapes.Spectr
     """The summary of a frequency response; curves: name of the Parquet file, if there is one."""
     m = spectrum.mean
     return shapes.SpectraFile(
-        schema=shapes.SPECTRA_SCHEMA, tool=_tool(), step="spectra", outcome=spectrum.outcome,
+        schema=shapes.SPECTRA_SCHEMA, tool=tool_section(), step="spectra", outcome=spectrum.outcome,
         input=spectrum.input, output=spectrum.output, unit=spectrum.unit, settings=plain(spectrum.settings),
         lines=len(m.frequency), first_hz=float(m.frequency[0]), last_hz=float(m.frequency[-1]),
         coherence=plain({"median": float(np.median(m.coherence)), "least": float(m.coherence.min()),
@@ -35,7 +35,8 @@ def spectra_file(spectrum: Spectrum, curves: str | None = None) -> shapes.Spectr
             below_signal_db=d.below_signal_db if d.seen else None)
                     for d in spectrum.distortion],
         feedback=plain({"share": spectrum.feedback.share, "p": spectrum.feedback.p}), curves=curves,
-        findings=_findings(spectrum.findings), data=_files(spectrum.data), options=plain(spectrum.options))
+        findings=finding_sections(spectrum.findings), data=file_sections(spectrum.data),
+        options=plain(spectrum.options))
 
 
 def _median(variance: np.ndarray, g: np.ndarray) -> float | None:

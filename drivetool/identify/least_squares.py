@@ -94,6 +94,8 @@ def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
 def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated."""
     matrix, slope = normal.shared.copy(), normal.slope.copy()
+    if not normal.own:
+        return matrix, slope, []
     inverses = _inverses(np.array(normal.own), damping)
     for cross, inverse, own_slope in zip(normal.cross, inverses, normal.own_slope, strict=True):
         matrix -= cross @ inverse @ cross.T

@@ -1,0 +1,51 @@
+"""Effects hidden in records by the independent simulator, asked for at the command line.
+
+The command sees the records and a start file; the label is opened afterwards.
+"""
+
+import json
+
+import pytest
+
+from tests.hidden import greybox_options, make_case, write_start
+from tests.hidden.command import ask, grade
+
+RIVALS = ("backlash", "coulomb-load", "quadratic-drag", "hardening-stiffness", "load-step")
+# Hidden effect, machine: visible from motor torque and motor speed, or from the sensors the effect needs.
+NAMED = [("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11),
+         ("load-step", 5), ("coulomb-load", 12), ("asymmetric-friction", 16), ("converter-lag", 19),
+         ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8)]
+
+
+def answered(effect, machine, folder, labels, words):
+    """(what the tool says, codes of the label)."""
+    case = make_case(effect, machine)
+    folder.mkdir()
+    logs, _ = case.write(folder, labels, visibility=False)
+    start = write_start(case, folder)
+    answer = ask(folder, logs, start, greybox_options(case), words)
+    return answer, json.loads((labels / "label.json").read_text())["causes"]
+
+
+@pytest.mark.parametrize(("effect", "machine"), NAMED)
+def test_a_hidden_effect_is_named(effect, machine, tmp_path):
+    rivals = ",".join(dict.fromkeys((effect, *RIVALS)))
+    answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", ["--candidates", rivals])
+    assert grade(causes, answer) == "right", answer.talk
+    before, after = (answer.gain[f"held_out_rmse_{when}"] for when in ("before", "after"))
+    assert after <= before * 1.01
+
+
+@pytest.mark.parametrize("machine", [7, 22])
+def test_nothing_is_found_where_nothing_is_hidden(machine, tmp_path):
+    """With the whole catalogue; an offset of the torque (22) acts as the idle torque the base has."""
+    effect = "none" if machine == 7 else "torque-offset"
+    answer, _ = answered(effect, machine, tmp_path / "records", tmp_path / "labels", [])
+    assert answer.verdict == "nothing-found", answer.talk
+
+
+def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(tmp_path):
+    words = ["--candidates", "speed-filter,converter-lag,backlash"]
+    answer, _ = answered("speed-filter", 20, tmp_path / "records", tmp_path / "labels", words)
+    assert answer.verdict == "undetermined"
+    assert set(answer.between) == {"speed-filter", "converter-lag"}
