@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,11 @@ from drivetool.check.model import Masks, Model, fit, judge, losses, spread
 from drivetool.check.samples import with_beginnings
 from drivetool.identify.engine import looks_coloured
 from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import problem_of
 
+ONE_OFF = ".step_time"
+LOOKS = 1000  # instants that a record can tell apart, about
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
 
 
@@ -94,15 +98,33 @@ def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
                most=8)
 
 
+def located(model: Model) -> tuple[Model, float]:
+    """(the model with the instant of a one-off event held, log of how many instants were looked at).
+
+    An event happens once: training samples that lie apart from it cannot say when, so the instant is
+    found in the whole record, and what the search could have found by chance is taken off.
+    """
+    names = [n for n in model.task.free if n.endswith(ONE_OFF)]
+    if not names:
+        return model, 0.0
+    task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
+    problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
+    keep = [j for j, n in enumerate(model.task.free) if n not in names]
+    point = Point(model.point.values[keep], model.point.starts)
+    problem = replace(problem, free_start=model.problem.free_start)
+    return Model(model.code, task, problem, point, model.noise, model.value), float(np.log(LOOKS))
+
+
 def score(model: Model, folds: Sequence[Fold]) -> Score:
     """Fit a cause to the training samples of every fold and judge it on the test samples."""
     gains, evidence, training, trained = [], [], [], []
+    local, price = located(model)
     for fold in folds:
-        own = refit(model, fold.train)
+        own = refit(local, fold.train)
         mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
         tested = [loss[mask].sum() for loss, mask in zip(mine, fold.test, strict=True)]
         value = float(np.sum(tested))
-        evidence.append(fold.best - value if np.isfinite(value) else -np.inf)
+        evidence.append(fold.best - value - price if np.isfinite(value) else -np.inf)
         training.append(own.value)
         trained.append(own)
         for i, a, b in blocks_of(model.problem.traces):
