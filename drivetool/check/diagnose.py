@@ -162,6 +162,14 @@ class Search:
         self.folds = folds_of(both(self.model, self.masks), self.samples)
         return True
 
+    def _as_coloured(self, model: Model) -> Model:
+        """The model under torque noise that remembers, where the base has that too and it is likelier so."""
+        memory = [f.trained.noise for f in self.folds if f.trained.noise.memory is not None]
+        if not memory:
+            return model
+        trial = fit(model.code, model.task, model.problem, model.point, memory[0], self.masks, rounds=3)
+        return trial if trial.value < model.value else model
+
     def _doubted(self, scores: Sequence[Score], best: Score) -> list[Score]:
         """The scores against a base that was also fitted from where the best cause took its parameters."""
         lower = []
@@ -177,7 +185,7 @@ class Search:
 
         def one(t: Tried) -> Score | None:
             try:
-                return score(t.model, self.folds)
+                return score(self._as_coloured(t.model), self.folds)
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
 
