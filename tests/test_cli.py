@@ -65,17 +65,6 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        return left.value.code or 0, text.out, text.err
-    return run
-
-
 def process(*words, stdin=None, module="drivetool.cli.main"):
     """Run a command in a process of its own."""
     return subprocess.run([sys.executable, "-m", module, *map(str, words)], input=stdin,

@@ -8,7 +8,6 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from drivetool.cli import main
 from drivetool.files.schema import schemas
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine
@@ -17,17 +16,6 @@ from tests.simulator.simulate import simulate_linear
 
 RIG = Machine((0.6, 5.2), (0.8, 0.4), stiffness=(3300.0,), damping=(3.1,))
 FIXTURES = Path(__file__).parent.parent / "fixtures"
-
-
-@pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        return left.value.code or 0, text.out, text.err
-    return run
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ import pytest
 import yaml
 
 from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.cli import main
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.files import schema, write
 from tests import diagnosed
@@ -63,17 +62,6 @@ def folder(tmp_path, monkeypatch):
     sha = hashlib.sha256(Path("a.parquet").read_bytes()).hexdigest()
     Path("base.yaml").write_text(FITTED.replace("SHA", sha))
     return tmp_path
-
-
-@pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        return left.value.code or 0, text.out, text.err
-    return run
 
 
 WORDS = ["diagnose", "a.parquet", "-p", "base.yaml"]

@@ -13,7 +13,6 @@ import yaml
 
 from drivetool.check.causes import CAUSES, chosen_causes, told_sizes
 from drivetool.check.model_run import run_model
-from drivetool.cli import main
 from drivetool.drive.chain import one_body, three_mass, two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption, BadParameters
@@ -36,17 +35,6 @@ def fixture_file(folder, room="rig"):
     path.write_text(yaml.safe_dump({"schema": "drivetool/parameters/1", "drive": drive, "parameters": {
         name: float(entry["value"]) for name, entry in truth.items()}}))
     return path
-
-
-@pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        return left.value.code or 0, text.out, text.err
-    return run
 
 
 def linear(n=1500, seed=3):

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.cli import main
 from tests.simulator import controllers, machine
 from tests.simulator.simulate import simulate
 
@@ -53,17 +52,6 @@ def folder(tmp_path, monkeypatch):
     for name, text in (("drive", TWO), ("ratings", RATINGS), ("tandem", TANDEM)):
         (tmp_path / f"{name}.yaml").write_text(text)
     return tmp_path
-
-
-@pytest.fixture
-def call(capfd):
-    """Run a command in this process: exit code, standard output, standard error."""
-    def run(*words):
-        with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
-        text = capfd.readouterr()
-        return left.value.code or 0, text.out, text.err
-    return run
 
 
 def read(path):
