@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.check.diagnosis import State
 from drivetool.check.model import Model
 from drivetool.check.scan import half_gaps, likely_orders, step_times
 from drivetool.check.structure import with_third_mass
-from drivetool.drive.chain import Drive
+from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
 
 SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
@@ -35,16 +36,14 @@ class Candidate:
 
     code     in files and on the command line
     effect   code of the effect in the drive's catalogue, which has law, needs and literature
-    starts   (base) -> where to start; empty if the base has it already or the drive cannot have it
+    starts   (base) -> where to start; empty if the base has it already, or drive or record cannot show it
     nests    codes of causes that are special cases of this one
-    absent   why there are no starts
     """
 
     code: str
     effect: str
     starts: Callable[[Model], list[Start]]
     nests: tuple[str, ...] = ()
-    absent: Callable[[Model], str] = lambda base: "it is part of the model already"
 
 
 def added(base: Model, values: Mapping[str, float], amplitudes: Sequence[str], held: Sequence[str] = ()) -> Start:
@@ -212,42 +211,42 @@ def _offset(base: Model) -> list[Start]:
     return [added(base, {name: drive.value(name) or 0.0}, (name,))]
 
 
-def _no_filter(base: Model) -> str:
-    if "motor_speed" not in base.task.roles.outputs:
-        return "the model is compared with an angle: no speed that could have been filtered"
-    return "it is part of the model already"
-
-
-def _no_shaft(base: Model) -> str:
-    return "it is part of the model already" if base.task.drive.shafts else "the drive has no shaft"
-
-
-def _as_idle_torque(base: Model) -> str:
-    return "an offset of the torque channel acts as an idle torque does, which the base has free"
+def why_absent(candidate: Candidate, base: Model) -> tuple[State, str]:
+    """Why a cause has no starts: the model has it, or this drive or record cannot show it."""
+    effect = next((e for e in EFFECTS if e.code == candidate.effect), None)
+    if candidate.code == "torque-offset":
+        return "in-the-model", "it acts as an idle torque does, which the base has free"
+    drive = base.task.drive
+    owners = {"coulomb-motor": drive.bodies[:1], "stribeck-motor": drive.bodies[:1]}.get(candidate.code)
+    if candidate.code.endswith("-load"):
+        owners = drive.bodies[1:]
+    names = [n for n in drive.quantities if n.rpartition(".")[2] in effect.present
+             and (owners is None or n.rpartition(".")[0] in owners)]
+    if any(present(base, n) for n in names):
+        return "in-the-model", "it is part of the model already"
+    if candidate.code == "third-mass":
+        return "not-shown", ("the drive is no two-mass drive, or a third mass would ring too fast for the sampling "
+                             "rate")
+    return "not-shown", f"this drive or record cannot show it; needed: {effect.needs}"
 
 
 CANDIDATES: tuple[Candidate, ...] = (
-    Candidate("backlash", "backlash", _backlash, absent=_no_shaft),
+    Candidate("backlash", "backlash", _backlash),
     Candidate("coulomb-motor", "coulomb", _coulomb(0)),
     Candidate("coulomb-load", "coulomb", _coulomb(-1)),
     Candidate("stribeck-motor", "stribeck", _stribeck(0), nests=("coulomb-motor",)),
     Candidate("stribeck-load", "stribeck", _stribeck(-1), nests=("coulomb-load",)),
     Candidate("asymmetric-friction", "asymmetric-friction", _of_bodies("viscous_asymmetry")),
     Candidate("quadratic-drag", "quadratic-drag", _of_bodies("drag")),
-    Candidate("hardening-stiffness", "hardening-stiffness", _hardening, absent=_no_shaft),
-    Candidate("load-dependent-damping", "load-dependent-damping", _load_damping, absent=_no_shaft),
-    Candidate("third-mass", "shaft", _third_mass, absent=_no_shaft),
+    Candidate("hardening-stiffness", "hardening-stiffness", _hardening),
+    Candidate("load-dependent-damping", "load-dependent-damping", _load_damping),
+    Candidate("third-mass", "shaft", _third_mass),
     Candidate("torque-ripple", "torque-ripple", _ripple),
     Candidate("imbalance", "imbalance", _imbalance),
     Candidate("dead-time", "dead-time", _dead_time),
     Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", "")),
-    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed"), absent=_no_filter),
-    Candidate("torque-offset", "idle-torque", _offset, absent=_as_idle_torque),
+    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed")),
+    Candidate("torque-offset", "idle-torque", _offset),
     Candidate("load-step", "load-step", _load_step),
     Candidate("friction-drift", "friction-drift", _drift),
 )
-
-
-def drive_of(model: Model) -> Drive:
-    """The drive at the estimate."""
-    return model.fitted.drive

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import CAUSES
 from drivetool.check.decide import LEFT, Decision, decide
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
@@ -28,7 +29,7 @@ from drivetool.check.shaft import shaft_fault
 from drivetool.check.story import results_of, tell
 from drivetool.check.structure import carried
 from drivetool.drive.chain import Drive
-from drivetool.errors import BadOption, BadParameters, DriveToolError, NotEnoughData, nearest
+from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.setup import first_point, roles_of
@@ -38,8 +39,11 @@ WORKERS = 2
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 SHORTEST = 2.0  # s of record below which nothing can be held out
-RECORD_FAULTS = ("outliers", "quantisation", "wrong-sign", "wrong-scale")
-CODES = tuple(c.code for c in CANDIDATES) + RECORD_FAULTS
+UNCHECKED = Finding(
+    "note", "shaft-torque-unchecked",
+    "Sign and scale of the shaft torque could not be checked: the motor alone does not tell what the shaft "
+    "carries.",
+    {}, "Record torque steps near the resonance.")
 
 
 def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
@@ -50,22 +54,22 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
                  none: then each half of the blocks of the records judges what the other trained
     drive        the base, fitted
     free         names of its parameters that are fitted again, with and without a cause
-    raises       BadParameters: a value is missing; NotEnoughData: too short to hold anything out;
-                 BadOption: a cause that is not in the catalogue
+    raises       BadParameters: a value is missing; NotEnoughData: too short to hold anything out
     source       Wasserman, Ramdas, Balakrishnan 2020 for the evidence; Ljung 1999 for the one-step
                  errors
     """
-    wanted = chosen(options)
+    wanted = options.candidates or tuple(CAUSES)
     drive.require(drive.missing(), "a diagnosis")
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
     mended, faults = preflight((*experiments, *holdout), wanted)
+    notes: list[Finding] = []
     try:
         mended, drive, more = shaft_fault(mended, drive, free, wanted)
         faults += more
     except (np.linalg.LinAlgError, DriveToolError):
-        pass  # the motor alone does not tell what the shaft carries
+        notes.append(UNCHECKED)
     train, test = mended[:len(experiments)], mended[len(experiments):]
     task = Task(drive, tuple(n for n in drive.quantities if n in free), roles_of(mended, drive), train + test)
     traces = task.problem().traces
@@ -75,15 +79,8 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     samples = samples_of(traces, train, test)
     base = base_model(task, fitted_samples(samples))
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
+    search.notes = tuple(notes)
     return tell(search.run(), drive, options)
-
-
-def chosen(options: DiagnoseOptions) -> tuple[str, ...]:
-    """Codes of the causes to try."""
-    for code in options.candidates:
-        if code not in CODES:
-            raise BadOption("causes of the catalogue after --candidates", f"'{code}'", nearest(code, CODES))
-    return options.candidates or CODES
 
 
 def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
@@ -110,6 +107,7 @@ class Search:
         self.masks, self.train = fitted_samples(samples), tuple(train)
         self.model, self.folds = base, folds_of(both(base, self.masks), samples)
         self.first_folds = self.folds
+        self.notes: tuple[Finding, ...] = ()
         self.causes: list[str] = []
         self.between: tuple[str, ...] = ()
         self.evidence: dict[str, float] = {}
@@ -131,9 +129,9 @@ class Search:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget)
             last = number == self.options.rounds
+            results = results_of(tried, scores, decision, self.model)
             stage = None if decision.best is None or last else self._adopt(decision)
-            self.rounds.append(Round(self.causes[-1] if stage else None, results_of(
-                tried, scores, decision, self.rounds_std(tried)), stage))
+            self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
             if stage is None or self.between:
                 break
         self.left = remainder(self.model)
@@ -216,10 +214,6 @@ class Search:
         return gain_of(forecast(before, self.folds), forecast(after, self.folds), unit,
                        (b - a) * traces[i].step, sensor_std(self.model),
                        unexplained_percent(self.gained, remainder(after[0])))
-
-    def rounds_std(self, tried: Sequence[Tried]) -> dict[str, dict[str, float]]:
-        """Smallest visible sizes by cause."""
-        return {t.candidate.code: t.smallest for t in tried}
 
     def total_gain(self) -> Gain:
         """From the first base to the last model."""

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start
+from drivetool.check.candidates import Candidate, Start, why_absent
+from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit
 from drivetool.check.structure import carried
 from drivetool.errors import DriveToolError
@@ -23,7 +24,7 @@ TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below whi
 class Tried:
     """A cause after its fit to the whole record.
 
-    model     None if there was nothing to fit, or every fit failed: `reason` says why
+    model     None if there was nothing to fit, or every fit failed: `absent` says which, `reason` why
     smallest  standard deviation of each amplitude at the base: what the record resolves
     """
 
@@ -31,6 +32,7 @@ class Tried:
     model: Model | None
     smallest: dict[str, float]
     reason: str = ""
+    absent: State | None = None
 
 
 def attempt(candidate: Candidate, base: Model, masks: Masks) -> Tried:
@@ -38,9 +40,10 @@ def attempt(candidate: Candidate, base: Model, masks: Masks) -> Tried:
     try:
         starts = candidate.starts(base)
     except (DriveToolError, np.linalg.LinAlgError, FloatingPointError) as error:
-        return Tried(candidate, None, {}, f"its start could not be found: {error}")
+        return Tried(candidate, None, {}, f"its start could not be found: {error}", "failed")
     if not starts:
-        return Tried(candidate, None, {}, candidate.absent(base))
+        state, reason = why_absent(candidate, base)
+        return Tried(candidate, None, {}, reason, state)
     begun, resolved, reason = [], {}, "every fit failed"
     for start in starts:
         try:
@@ -59,7 +62,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks) -> Tried:
         except (DriveToolError, np.linalg.LinAlgError, FloatingPointError) as error:
             reason = str(error)
     if not ends:
-        return Tried(candidate, None, resolved, f"its fit failed: {reason}")
+        return Tried(candidate, None, resolved, f"its fit failed: {reason}", "failed")
     return Tried(candidate, min(ends, key=lambda m: m.value), resolved)
 
 

@@ -25,10 +25,12 @@ OUTPUTS = ("motor_speed", "load_speed", "motor_angle", "load_angle", "shaft_torq
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of the record: code of the cause, log10 of the evidence, finding, whether it was mended."""
+    """A fault of the record: code of the cause, and the finding with the numbers behind it.
+
+    It has no likelihood ratio: it is read off the record, not found by a fit.
+    """
 
     code: str
-    evidence: float
     finding: Finding
 
 
@@ -60,11 +62,12 @@ def _outliers(e: Experiment) -> tuple[Experiment, list[Fault]]:
         values = signals[role].copy()
         values[at] = np.nan
         signals[role] = values
-        faults.append(Fault("outliers", float(0.5 * np.sum((size / sigma) ** 2) / np.log(10.0)), Finding(
+        faults.append(Fault("outliers", Finding(
             "warning", "outliers",
             f"{e.name}: {len(at)} single samples of the {role.replace('_', ' ')} lie far from their neighbours; "
             "they are left out.",
-            {"count": len(at), "largest": float(size.max()), "first_time": float(at[0] * e.step)},
+            {"count": len(at), "largest": float(size.max()), "first_time": float(at[0] * e.step),
+             "noise_std": float(sigma)},
             "Check the sensor's cable and connector.")))
     return replace(e, signals=signals), faults
 
@@ -110,7 +113,7 @@ def _quantisation(e: Experiment) -> list[Fault]:
         # Angles are always coarse, and their noise is nothing else: that is no fault but a sensor.
         if share > COARSE and not role.endswith("angle"):
             unit = {"speed": f"{e.motion_unit}/s"}.get(role.rpartition("_")[2], e.torque_unit)
-            faults.append(Fault("quantisation", float(len(y)), Finding(
+            faults.append(Fault("quantisation", Finding(
                 "note", "quantisation",
                 f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is most of "
                 "its noise.", {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
@@ -146,7 +149,7 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         code = _code(factor, error, wanted)
         if code is None:
             continue
-        faults.append(Fault(code, float(0.5 * ((factor - 1.0) / error) ** 2 / np.log(10.0)), Finding(
+        faults.append(Fault(code, Finding(
             "warning", code,
             f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle.",
             {"factor": float(factor), "std": float(error)},
@@ -160,7 +163,7 @@ def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
     """A speed that is its angle's rate behind a low-pass, as the reader of the record compared them."""
     if "speed-filter" not in wanted:
         return []
-    return [Fault("speed-filter", float(e.size) * 1e-2, f) for f in e.findings
+    return [Fault("speed-filter", f) for f in e.findings
             if f.code == "speed-filtered" and f.text.startswith("motor")]
 
 

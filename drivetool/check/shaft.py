@@ -58,7 +58,7 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     if code not in wanted:
         return tuple(experiments), drive, []
-    fault = Fault(code, float(0.5 * ((factor - 1.0) / max(error, 1e-12)) ** 2 / np.log(10.0)), Finding(
+    fault = Fault(code, Finding(
         "warning", code,
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor, "std": error}, "Correct sign, unit or scale of the shaft torque (or of the motor "

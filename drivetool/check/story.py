@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from drivetool.check.decide import Decision, experiment_between
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
 from drivetool.check.exhibits import exhibits_of, view_of
+from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, own_evidence
 from drivetool.check.hypothesis import Tried
 from drivetool.check.model import Model
@@ -22,8 +23,10 @@ from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.noise import filtered, minus_log_likelihood, normal_under
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.results import parameters_of
 
 if TYPE_CHECKING:
     from drivetool.check.diagnose import Search
@@ -36,18 +39,16 @@ LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a 
 
 
 def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision,
-               smallest: Mapping[str, Mapping[str, float]]) -> tuple[CandidateResult, ...]:
-    """One line per cause, the best first."""
+               base: Model) -> tuple[CandidateResult, ...]:
+    """One line per cause that was tried on top of the base, the best first."""
     by_code = {s.model.code: s for s in scores}
     lines = []
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
-        sizes = {n: VISIBLE * v for n, v in smallest.get(code, {}).items() if np.isfinite(v)}
+        sizes = {n: VISIBLE * v for n, v in t.smallest.items() if np.isfinite(v)}
         if t.model is None:
-            absent = "failed" if "fail" in t.reason or "could not" in t.reason else "in-the-model"
-            absent = "not-shown" if "no " in t.reason or "has no" in t.reason else absent
-            lines.append(CandidateResult(*common, absent, smallest=sizes, reason=t.reason))
+            lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
         elif s is None:
             lines.append(CandidateResult(
                 *common, _unseen(t), smallest=sizes,
@@ -55,7 +56,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         else:
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std, own_evidence(s) / float(np.log(10.0)), sizes,
-                values_of(s.model)))
+                values_of(s.model, base)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
@@ -70,44 +71,29 @@ def _state(s: Score, decision: Decision) -> State:
     return "worse" if s.gain > 0.0 else "no-gain"
 
 
-def values_of(model: Model) -> tuple[Parameter, ...]:
-    """What the cause adds, with the covariance of its fit."""
-    from drivetool.check.hypothesis import linear_step
-    from drivetool.identify.noise import normal_under
-
-    drive = model.fitted.drive
+def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:
+    """What the cause adds to the base, with intervals where there are any."""
     normal = normal_under(model.problem, model.point, model.noise)
-    _, std = linear_step(model.problem, normal, np.ones(len(model.problem.names), bool))
-    found = []
-    for j, name in enumerate(model.problem.names):
-        if name in BASE_NAMES or (name.rpartition(".")[2] in BASE_SUFFIXES and not name.startswith("tip")):
-            continue
-        value, s = float(model.point.values[j]), float(std[j])
-        told = np.isfinite(s)
-        found.append(Parameter(name, value, drive.unit(name), None, s if told else None,
-                               (value - 1.96 * s, value + 1.96 * s) if told else None))
-    return tuple(found)
-
-
-BASE_NAMES = ("total.viscous", "total.idle_torque")
-BASE_SUFFIXES = ("inertia", "viscous", "idle_torque", "stiffness", "damping", "ratio")
+    lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
+                                model.fitted.drive)
+    return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)
 
 
 def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
-    faults = {f.code: f.evidence for f in search.faults}
+    faults = tuple(dict.fromkeys(f.code for f in search.faults))
     causes = (*faults, *[c for c in search.causes if not search.between or c not in search.between])
     verdict = _verdict(search, causes)
     gain = search.total_gain()
     estimate = estimate_of(search, before, options)
     experiment = _experiment(search, verdict)
     sentence = _sentence(verdict, causes, search, gain)
-    found = tuple(f.finding for f in search.faults)
+    found = (*(f.finding for f in search.faults), *search.notes)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
-        estimate, verdict, causes if verdict != "unexplained" else tuple(faults),
+        estimate, verdict, causes if verdict != "unexplained" else faults,
         search.between if verdict == "undetermined" else (), experiment,
-        {**faults, **search.evidence}, gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+        dict(search.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
 
 
 def _verdict(search: Search, causes: Sequence[str]) -> str:
@@ -150,7 +136,7 @@ def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -
     if verdict == "unexplained":
         near = f" {search.causes[-1].replace('-', ' ').capitalize()} comes closest, but" if search.causes else ""
         return (f"Something is missing that no cause in the catalogue explains.{near} "
-                f"{gain.unexplained_percent:.0f} % of what could be explained is left.").replace("but ", "but ")
+                f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
     return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
 
 
@@ -185,7 +171,6 @@ def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
             views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
         except DriveToolError:
             continue
-    inertia = sum(before.value(f"{b}.inertia") for b in before.bodies)
-    return exhibits_of(views, inertia, search.rounds, gain.noise_floor) if views else ()
+    return exhibits_of(views, rigid_inertia(before), search.rounds, gain.noise_floor) if views else ()
 
 

@@ -40,7 +40,9 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
     elif terminal:
         print_table(file, per_unit)
     sys.stdout.flush()
-    pictures = draw(job, exhibits, [entry.file for entry in getattr(file, "data", ())])
+    judged = getattr(file, "options", {}).get("holdout", ())
+    names = [entry.file for entry in getattr(file, "data", ())] + [entry["file"] for entry in judged]
+    pictures = draw(job, exhibits, names)
     passed = getattr(file, "passed", True)
     if not job.quiet:
         _talk(job, file, pictures)
