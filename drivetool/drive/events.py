@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE
+from drivetool.drive.compiled import COMPILE, HOT
 from drivetool.drive.kernel import classify, guard_values, predict, propagate
 from drivetool.drive.modes import STIFF, lookup, step_matrix
 from drivetool.drive.roots import first_exit, horner
@@ -121,32 +121,41 @@ def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     return te, element, digit
 
 
+@njit(**HOT)
+def next_term(a, u, nq, w, n, power, g, v, t):
+    """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
+
+    w  power series of the state; nq leading columns have a source dA z of their own
+    """
+    nx, ns = v.shape
+    for r in range(nx):
+        for q in range(ns):
+            y = 0.0
+            for j in range(nx):
+                y += a[r, j, 0] * v[j, q]
+            t[r, q] = y * g
+        for q in range(nq):
+            y = 0.0
+            for j in range(nx):
+                y += a[r, j, q + 1] * w[n, j]
+            y *= power
+            if n == 0:
+                y += a[r, nx + u.size, q + 1]
+                for j in range(u.size):
+                    y += a[r, nx + j, q + 1] * u[j]
+            t[r, q] += y * g
+
+
 @njit(**COMPILE)
-def carry(a, x, u, big, w, v, t, te):
-    """Sensitivities across a stretch without event: dS/dt = A S + dA z, as a power series."""
-    nx, ns, nq = x.size, big.shape[1], a.shape[2] - 1
+def carry(a, u, big, w, v, t, te):
+    """Sensitivities across a stretch without event, as a power series."""
+    nx, ns = big.shape
     for r in range(nx):
         for q in range(ns):
             v[r, q] = big[r, q]
     power = 1.0
     for n in range(ORDER):
-        g = te / (n + 1)
-        for r in range(nx):
-            for q in range(ns):
-                y = 0.0
-                for j in range(nx):
-                    y += a[r, j, 0] * v[j, q]
-                t[r, q] = y * g
-            for q in range(nq):
-                y = 0.0
-                for j in range(nx):
-                    y += a[r, j, q + 1] * w[n, j]
-                y *= power
-                if n == 0:
-                    y += a[r, nx + u.size, q + 1]
-                    for j in range(u.size):
-                        y += a[r, nx + j, q + 1] * u[j]
-                t[r, q] += y * g
+        next_term(a, u, a.shape[2] - 1, w, n, power, te / (n + 1), v, t)
         for r in range(nx):
             for q in range(ns):
                 v[r, q] = t[r, q]
@@ -236,7 +245,7 @@ def event_step(s, c, x, inputs, i, big, mode, part):
         if events < MOST:
             te, element, digit = next_event(s, c.hold, net, mode, x, u, w, p, te, fresh)
         if te > 0.0:
-            carry(a, x, u, big, w, v, t, te)
+            carry(a, u, big, w, v, t, te)
             for r in range(s.nx):
                 x[r] = horner(w[:, r], te)
             fresh = 0

@@ -101,10 +101,10 @@ def predict(leap, k, x, u, i, b):
 
 
 @njit(**HOT)
-def propagate_any(leap, dleap, k, x, u, i, big, t):
-    """t = leap big + dleap z; columns innermost, so that the compiler makes vectors of them."""
+def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
+    """First rows of t = leap big + dleap z; columns innermost, so that the compiler makes vectors of them."""
     nx, nu, nq, ns = x.size, u.shape[1], dleap.shape[3], big.shape[1]
-    for r in range(nx):
+    for r in range(rows):
         e = leap[k, r, 0]
         for q in range(ns):
             t[r, q] = e * big[0, q]
@@ -143,7 +143,7 @@ def propagate(leap, dleap, k, x, u, i, big, t):
     if x.size == 3 and u.shape[1] == 1:
         propagate_three(leap, dleap, k, x, u, i, big, t)
     else:
-        propagate_any(leap, dleap, k, x, u, i, big, t)
+        propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
     for r in range(x.size):
         for q in range(big.shape[1]):
             big[r, q] = t[r, q]

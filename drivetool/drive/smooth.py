@@ -10,7 +10,7 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT
-from drivetool.drive.kernel import guard_values, predict, stays
+from drivetool.drive.kernel import guard_values, predict, propagate_any, stays
 from drivetool.drive.laws import gap_side, law_at, torque_columns
 
 ROUNDS = 12  # of the fixed point, after which shorter stretches are taken
@@ -72,30 +72,6 @@ def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, new, old):
     for r in range(n):
         x[r] = b[r]
     return True
-
-
-@njit(**HOT)
-def spread(leap, dleap, k, x, u, i, big, first, t):
-    """t = leap big + dleap z over the first rows."""
-    nx, nu, nq = x.size, u.shape[1], dleap.shape[3]
-    for r in range(first):
-        e = leap[k, r, 0]
-        for q in range(big.shape[1]):
-            t[r, q] = e * big[0, q]
-        for j in range(1, nx):
-            e = leap[k, r, j]
-            for q in range(big.shape[1]):
-                t[r, q] += e * big[j, q]
-        for q in range(nq):
-            t[r, q] += dleap[k, r, nx + nu, q]
-        for j in range(nx):
-            e = x[j]
-            for q in range(nq):
-                t[r, q] += dleap[k, r, j, q] * e
-        for j in range(nu):
-            e = u[i, j]
-            for q in range(nq):
-                t[r, q] += dleap[k, r, nx + j, q] * e
 
 
 @njit(**HOT)
@@ -174,8 +150,8 @@ def law_columns(mid, dmid, leap, dleap, arguments, parameters, half, gap, first,
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
     nl, ns, middle, end = gap.size, big.shape[1], nodes[0], nodes[1]
     start_rows(arguments, parameters, half, gap, first, nq, found, x, mode, h, slope, big)
-    spread(mid, dmid, k, x, u, i, big, first, middle)
-    spread(leap, dleap, k, x, u, i, big, first, end)
+    propagate_any(mid, dmid, k, x, u, i, big, first, middle)
+    propagate_any(leap, dleap, k, x, u, i, big, first, end)
     node_equations(arguments, parameters, half, gap, first, nq, found, 0, y, mode, middle, mid, k, first,
                    h, slope, weight, right)
     node_equations(arguments, parameters, half, gap, first, nq, found, 1, b, mode, end, leap, k, first,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE
-from drivetool.drive.events import MOST, load_on, next_event, series, switch, unlocated_step
+from drivetool.drive.events import MOST, load_on, next_event, next_term, series, switch, unlocated_step
 from drivetool.drive.kernel import guard_values
 from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
@@ -56,12 +56,12 @@ def begin(s, laws, x, time, mode):
 
 
 @njit(**COMPILE)
-def carry_to(a, x, u, nq, big, w, v, t, h, share, nodes):
+def carry_to(a, u, nq, big, w, v, t, h, share, nodes):
     """nodes[0..2] = big after h/2, h and share h: one power series, summed up three times.
 
     nq  leading columns that also have a source of their own, dA z
     """
-    nx, ns = x.size, big.shape[1]
+    nx, ns = big.shape
     for r in range(nx):
         for q in range(ns):
             v[r, q] = big[r, q]
@@ -69,25 +69,9 @@ def carry_to(a, x, u, nq, big, w, v, t, h, share, nodes):
                 nodes[node, r, q] = big[r, q]
     power, half, part = 1.0, 1.0, 1.0
     for n in range(ORDER):
-        g = h / (n + 1)
+        next_term(a, u, nq, w, n, power, h / (n + 1), v, t)
         half *= 0.5
         part *= share
-        for r in range(nx):
-            for q in range(ns):
-                y = 0.0
-                for j in range(nx):
-                    y += a[r, j, 0] * v[j, q]
-                t[r, q] = y * g
-            for q in range(nq):
-                y = 0.0
-                for j in range(nx):
-                    y += a[r, j, q + 1] * w[n, j]
-                y *= power
-                if n == 0:
-                    y += a[r, nx + u.size, q + 1]
-                    for j in range(u.size):
-                        y += a[r, nx + j, q + 1] * u[j]
-                t[r, q] += y * g
         for r in range(nx):
             for q in range(ns):
                 v[r, q] = t[r, q]
@@ -109,12 +93,12 @@ def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
     """Sensitivities over the first te of a stretch of h seconds whose parabolas are known."""
     n, nl, ns, w = laws.first, laws.code.size, big.shape[1], c.series
     first_columns(s, laws, x, mode, h, big)
-    carry_to(a, x, u, s.nq, big, w, laws.term[0], laws.term[1], h, te / h, laws.nodes)
+    carry_to(a, u, s.nq, big, w, laws.term[0], laws.term[1], h, te / h, laws.nodes)
     unit = laws.unit
     for r in range(x.size):
         for q in range(3 * nl):
             unit[r, q] = 1.0 if r == n + q else 0.0
-    carry_to(a, x, u, 0, unit, w, laws.more[0], laws.more[1], h, te / h, laws.answers)
+    carry_to(a, u, 0, unit, w, laws.more[0], laws.more[1], h, te / h, laws.answers)
     for node in range(2):
         t = 0.5 * h if node == 0 else h
         for r in range(n):
