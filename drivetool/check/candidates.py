@@ -10,13 +10,15 @@ import numpy as np
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Model
 from drivetool.check.scan import half_gaps, likely_orders, step_times
-from drivetool.check.structure import with_third_mass
+from drivetool.check.structure import carried, with_third_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
+from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.problem import Point
 
 SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
 WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the record
-LATE = (0.5, 1.5, 4.0)  # delays and lags in samples
+LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
 
 
 @dataclass(frozen=True)
@@ -191,15 +193,25 @@ def _load_step(base: Model) -> list[Start]:
 
 def _dead_time(base: Model) -> list[Start]:
     name, step = "converter.dead_time", base.problem.traces[0].step
-    return [] if present(base, name) else [added(base, {name: n * step}, ()) for n in LATE]
+    return [] if present(base, name) else _likeliest(base, [added(base, {name: n * step}, ()) for n in LATE])
 
 
 def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
         if present(base, name) or (role and role not in base.task.roles.outputs):
             return []
-        return [added(base, {name: 1.0 / (n * base.problem.traces[0].step)}, ()) for n in LATE]
+        step = base.problem.traces[0].step
+        return _likeliest(base, [added(base, {name: 1.0 / (n * step)}, ()) for n in LATE])
     return starts
+
+
+def _likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
+    """Of starts that differ in one value, the one under which the records are likeliest, all else held."""
+    def loss(start: Start) -> float:
+        problem = replace(start.task, free=()).problem()
+        point = Point(np.empty(0), carried(base, start.task, problem).starts)
+        return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
+    return [min(starts, key=loss)]
 
 
 def _offset(base: Model) -> list[Start]:

@@ -7,7 +7,7 @@ there; named is what no other cause comes close to; and what noise cannot explai
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, score
-from drivetool.check.hypothesis import TRIFLE, Tried, attempt
+from drivetool.check.hypothesis import TRIFLE, Tried, attempt, polished
 from drivetool.check.model import Masks, Model, everything, fit, judge, spread
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
@@ -38,6 +38,7 @@ from drivetool.logs.experiment import Experiment
 WORKERS = 2
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
+CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -122,7 +123,7 @@ class Search:
             budget *= 0.5
             tried = self._attempt()
             if self._improve(tried):
-                tried = self._attempt()
+                tried = self._attempt({t.candidate.code: t for t in tried})
             scores = self._judge(tried)
             decision = decide(scores, budget)
             if decision.best is not None:
@@ -137,13 +138,23 @@ class Search:
         self.left = remainder(self.model)
         return self
 
-    def _attempt(self) -> list[Tried]:
+    def _attempt(self, before: Mapping[str, Tried] | None = None) -> list[Tried]:
+        """Every cause on top of the base; those that have a chance after a few steps are fitted to the end."""
+        before = before or {}
         with ThreadPoolExecutor(WORKERS) as pool:
-            return list(pool.map(lambda c: attempt(c, self.model, self.masks), self.candidates))
+            tried = list(pool.map(lambda c: attempt(c, self.model, self.masks, before.get(c.code)),
+                                  self.candidates))
+            likely = self._likely(tried)
+            ends = dict(zip((t.candidate.code for t in likely), pool.map(lambda t: polished(t, self.masks), likely),
+                            strict=True))
+        return [ends.get(t.candidate.code, t) for t in tried]
 
     def _likely(self, tried: Sequence[Tried]) -> list[Tried]:
-        return sorted((t for t in tried if t.model is not None and t.model.value < self.model.value - TRIFLE),
-                      key=lambda t: t.model.value)[:JUDGED]
+        """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first."""
+        gains = {t.candidate.code: self.model.value - t.model.value for t in tried if t.model is not None}
+        least = max(TRIFLE, CHANCE * max(gains.values(), default=0.0))
+        likely = [t for t in tried if gains.get(t.candidate.code, -np.inf) > least]
+        return sorted(likely, key=lambda t: -gains[t.candidate.code])[:JUDGED]
 
     def _improve(self, tried: Sequence[Tried]) -> bool:
         """Refit the base from where the likeliest causes took its parameters; whether that is better.

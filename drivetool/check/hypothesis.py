@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,87 +10,163 @@ import numpy as np
 from drivetool.check.candidates import Candidate, Start, why_absent
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit
-from drivetool.check.structure import carried
+from drivetool.check.structure import carried, states_of
 from drivetool.errors import DriveToolError
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.setup import problem_of
 
-TRIES = 3  # starts that are fitted to the end of a first round
+BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
+KEPT = 2  # ends of a first round that may be fitted to the end
+AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
+FAST = 0.1  # samples: a lag that is shorter leaves no trace
+BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
 
 
 @dataclass(frozen=True)
 class Tried:
     """A cause after its fit to the whole record.
 
-    model     None if there was nothing to fit, or every fit failed: `absent` says which, `reason` why
+    models    where its fits ended, the best first; none if there was nothing to fit, or every fit
+              failed: `absent` says which, `reason` why
     smallest  standard deviation of each amplitude at the base: what the record resolves
     """
 
     candidate: Candidate
-    model: Model | None
+    models: tuple[Model, ...]
     smallest: dict[str, float]
     reason: str = ""
     absent: State | None = None
 
+    @property
+    def model(self) -> Model | None:
+        """The best fit."""
+        return self.models[0] if self.models else None
 
-def attempt(candidate: Candidate, base: Model, masks: Masks) -> Tried:
-    """Fit a cause from all its starts to the samples of a mask; a fit that fails is a result."""
+
+@dataclass(frozen=True)
+class Begun:
+    """A start that is ready for a fit.
+
+    promise  log likelihood that one linear step would gain; infinite where there is none to say
+    std      amplitude -> its standard deviation at the base
+    """
+
+    start: Start
+    problem: Problem
+    point: Point
+    promise: float
+    std: dict[str, float]
+
+
+def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | None = None) -> Tried:
+    """A few steps of a cause from all its starts; a fit that fails is a result.
+
+    before   the same cause on top of a base that has since been improved: it goes on from there
+    """
     try:
-        starts = candidate.starts(base)
-    except (DriveToolError, np.linalg.LinAlgError, FloatingPointError) as error:
-        return Tried(candidate, None, {}, f"its start could not be found: {error}", "failed")
+        starts = candidate.starts(base) if before is None or before.model is None else [_again(base, before.model)]
+    except BROKEN as error:
+        return Tried(candidate, (), {}, f"its start could not be found: {error}", "failed")
     if not starts:
         state, reason = why_absent(candidate, base)
-        return Tried(candidate, None, {}, reason, state)
-    begun, resolved, reason = [], {}, "every fit failed"
+        return Tried(candidate, (), {}, reason, state)
+    begun, reason = [], "every fit failed"
     for start in starts:
         try:
-            problem, point, std = begin(base, start)
-            resolved = {n: min(v, resolved.get(n, np.inf)) for n, v in std.items()} | {
-                n: v for n, v in resolved.items() if n not in std}
-            begun.append(fit(candidate.code, start.task, problem, point, base.noise, masks, rounds=1,
-                             renew=False, most=5))
-        except (DriveToolError, np.linalg.LinAlgError, FloatingPointError) as error:
+            begun.append(begin(base, start))
+        except BROKEN as error:
             reason = str(error)
-    begun = sorted((m for m in begun if np.isfinite(m.value)), key=lambda m: m.value)[:TRIES]
-    ends = []
-    for model in begun[:1] if begun and begun[0].value < begun[-1].value - 50.0 else begun[:2]:
+    resolved = dict(before.smallest) if before is not None else _resolved(begun)
+    begun = _promising(begun)
+    if begun and begun[0].promise < TRIFLE:
+        return _screened(candidate, resolved)
+    found = []
+    for b in begun:
+        try:
+            found.append(fit(candidate.code, b.start.task, b.problem, b.point, base.noise, masks, rounds=1,
+                             renew=False, most=5))
+        except BROKEN as error:
+            reason = str(error)
+    found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]
+    if not found:
+        return Tried(candidate, (), resolved, f"its fit failed: {reason}", "failed")
+    return Tried(candidate, tuple(found), resolved)
+
+
+def polished(tried: Tried, masks: Masks) -> Tried:
+    """The best ends of a first round fitted to the end."""
+    models, ends, reason = tried.models, [], ""
+    for model in models[:1] if models[0].value < models[-1].value - AHEAD else models:
         try:
             ends.append(fit(model.code, model.task, model.problem, model.point, model.noise, masks))
-        except (DriveToolError, np.linalg.LinAlgError, FloatingPointError) as error:
+        except BROKEN as error:
             reason = str(error)
     if not ends:
-        return Tried(candidate, None, resolved, f"its fit failed: {reason}", "failed")
-    return Tried(candidate, min(ends, key=lambda m: m.value), resolved)
+        return replace(tried, models=(), reason=f"its fit failed: {reason}", absent="failed")
+    return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
 
 
-def begin(base: Model, start: Start) -> tuple[Problem, Point, dict[str, float]]:
-    """(problem, first point, std of the amplitudes at the base) of a start.
+def _again(base: Model, model: Model) -> Start:
+    """The base with what a cause added to it before."""
+    fitted, drive = model.fitted, base.fitted.drive
+    if fitted.drive.bodies != drive.bodies:
+        return Start(fitted, ())
+    return Start(fitted.at({n: drive.value(n) for n in base.task.free}), ())
+
+
+def _resolved(begun: Sequence[Begun]) -> dict[str, float]:
+    """Amplitude -> its least standard deviation over the starts."""
+    found: dict[str, float] = {}
+    for b in begun:
+        for name, std in b.std.items():
+            found[name] = min(std, found.get(name, np.inf))
+    return found
+
+
+def _promising(begun: Sequence[Begun]) -> list[Begun]:
+    """The starts that are worth a fit: of those with amplitudes the most promising."""
+    told = sorted((b for b in begun if np.isfinite(b.promise)), key=lambda b: -b.promise)
+    untold = [b for b in begun if not np.isfinite(b.promise)]
+    return [*untold, *[b for b in told[:BEGUN] if not untold or b.promise > TRIFLE]]
+
+
+def _screened(candidate: Candidate, resolved: dict[str, float]) -> Tried:
+    """A cause whose amplitudes the innovations at the base do not ask for."""
+    if resolved and not any(np.isfinite(v) for v in resolved.values()):
+        return Tried(candidate, (), resolved, "nothing in this record depends on it", "not-shown")
+    return Tried(candidate, (), resolved, "it does not make the records it is fitted to more likely", "no-gain")
+
+
+def begin(base: Model, start: Start) -> Begun:
+    """The first point of a start, and what a linear step promises.
 
     Amplitudes begin where one linear step from the base puts them; from zero the limits of the
     usual steps would take many.
     """
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    problem = _without_angle(problem, task)
+    problem = _bounded(_without_angle(problem, task), task)
     point = carried(base, task, problem)
     if not start.amplitudes:
-        return problem, point, {}
+        return Begun(start, problem, point, np.inf, {})
     normal = normal_under(problem, point, base.noise)
     moves = np.array([n in start.amplitudes or n in base.task.free for n in task.free])
-    step, std = linear_step(problem, normal, moves)
+    step, std, promise = linear_step(problem, normal, moves)
     values = point.values.copy()
-    for name in start.amplitudes:
-        j = task.free.index(name)
+    at = [task.free.index(name) for name in start.amplitudes]
+    for j in at:
         values[j] = np.clip(values[j] + step[j], problem.low[j], problem.high[j])
-    return problem, Point(values, point.starts), {n: float(std[task.free.index(n)]) for n in start.amplitudes}
+    if np.all(values[at] == problem.low[at]):
+        promise = 0.0
+    return Begun(start, problem, Point(values, point.starts), promise, {n: float(std[j]) for n, j in zip(
+        start.amplitudes, at, strict=True)})
 
 
-def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) Gauss-Newton step of the parameters that move, and their standard deviations."""
+def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(k,) Gauss-Newton step of the parameters that move, their standard deviations, log likelihood it gains."""
     matrix, slope, _ = schur(normal)
     i = np.flatnonzero(moves & (np.diag(matrix) > 0.0))
     step, std = np.zeros(len(slope)), np.full(len(slope), np.inf)
@@ -98,15 +175,22 @@ def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np
     step[i] = -(inverse @ (slope[i] / size)) / size
     variance = normal.cost / max(problem.count - problem.unknowns, 1)
     std[i] = np.sqrt(variance * np.maximum(np.diag(inverse), 0.0)) / size
-    return step, std
+    return step, std, float(-0.5 * slope @ step / variance)
+
+
+def _bounded(problem: Problem, task) -> Problem:
+    """No lag faster than leaves a trace: there the contacts inside a sample take ever longer."""
+    high = problem.high.copy()
+    for j, name in enumerate(task.free):
+        if name.endswith(".bandwidth"):
+            high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
+    return replace(problem, high=high)
 
 
 def _without_angle(problem: Problem, task) -> Problem:
     """Where no angle is measured, that of one record is free to choose: the phase of a ripple goes with it."""
     if len(problem.traces) > 1 or any(role.endswith("angle") for role in task.roles.outputs):
         return problem
-    from drivetool.check.structure import states_of
-
     names = states_of(task, problem.traces[0].step)
     keep = [j for j in problem.free_start if names[j] != "angle"]
     return replace(problem, free_start=np.array(keep))

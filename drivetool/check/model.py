@@ -103,8 +103,9 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
     for number in range(rounds):
         solution = _round(problem, point, noise, masks, most, hold if number == 0 else None)
         trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
-        if renew and number < 3:
-            fresh = fit_ratio(problem, trial, noise, noise.ratio)
+        # The memory of a coloured noise takes a search in two dimensions: once.
+        if renew and number < (3 if noise.memory is None else 1):
+            fresh = fit_ratio(problem, trial, noise, noise.ratio, quick=True)
             better = judge(problem, trial, fresh, masks)
             if better < worth:
                 noise, worth = fresh, better

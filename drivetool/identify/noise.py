@@ -147,7 +147,7 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
 
     around   a ratio to search near; None: over eight decades
     settled  whether the point is near its optimum: then by restricted likelihood
-    quick    to half a decade only
+    quick    to half a decade only; near a ratio to a few per cent, where a fit goes on anyway
     """
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
@@ -174,12 +174,13 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
     else:
         grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
-    best = _parabola(lambda g: value(np.array([g])), grid, 0 if quick else 4)
+    best = _parabola(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
+                     0.05 if quick else 2e-3)
     return replace(noise, ratio=float(np.exp(best)))
 
 
-def _parabola(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4) -> float:
-    """Minimum of a function of one variable: grid, then parabolas through the best three."""
+def _parabola(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
+    """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
     x, y = list(grid), [value(g) for g in grid]
     for _ in range(rounds):
         order = np.argsort(x)
@@ -192,7 +193,7 @@ def _parabola(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4
         if not np.isfinite(curve) or curve == 0.0:
             break
         t = b - 0.5 * ((b - a) ** 2 * (fb - fc) - (b - c) ** 2 * (fb - fa)) / curve
-        if not a < t < c or min(abs(t - k) for k in x) < 2e-3:
+        if not a < t < c or min(abs(t - k) for k in x) < close:
             break
         x.append(t)
         y.append(value(t))
