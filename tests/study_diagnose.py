@@ -115,7 +115,9 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
         "grade": given, "apart": apart, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
-        "smallest": {c.get("code"): c.get("smallest_visible") for c in answer.candidates},
+        "smallest": {c["code"]: {n: v["value"] for n, v in (c.get("smallest") or {}).items()}
+                     for c in sorted(answer.candidates, key=lambda c: c["round"])},
+        "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
         "intervals": intervals(label, answer), "talk": answer.talk[-300:] if answer.verdict == "failed" else "",
         "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
 
@@ -134,11 +136,41 @@ def fresh_error(room: Path, log: Path, params: str) -> float | None:
 def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
     """Parameter of a hidden effect -> whether the stated interval holds the truth."""
     found = {}
+    fitted = {name: line.get("value") for name, line in answer.parameters.items()}
     for effect in label["effects"]:
-        for name, value in effect["truth"].items():
+        for name, value in told(effect["truth"], label["plain"], fitted).items():
             ends = (answer.parameters.get(name) or {}).get("ci95")
             if ends and None not in ends:
                 found[name] = ends[0] <= value <= ends[1]
+    return found
+
+
+SAME = {"quadratic_drag": "drag", "load_step": "step_torque", "load_step_time": "step_time"}
+
+
+def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping[str, float]) -> dict[str, float]:
+    """True values by the names and in the parameters that the tool has for the same laws."""
+    found = {}
+    for name, value in truth.items():
+        owner, _, what = name.rpartition(".")
+        if what == "breakaway":
+            found[f"{owner}.stribeck"] = value - truth[f"{owner}.coulomb"]
+        elif what == "filter_time":
+            found["sensor.bandwidth"] = 1.0 / value if value > 0.0 else np.inf
+        elif what == "damping_torque":
+            found[f"{owner}.load_damping"] = plain.get(f"{owner}.damping", np.nan) / value
+        elif what == "viscous_back":
+            found[f"{owner}.viscous_asymmetry"] = 0.5 * (truth[f"{owner}.viscous"] - value)
+        elif what == "hardening_twist":
+            twist, power = fitted.get(name), truth[f"{owner}.hardening_power"]
+            if twist is not None:
+                found[f"{owner}.hardening"] = (twist / value) ** power
+        elif what == "drift_time":
+            found["motor.drift_time"] = value
+        elif name.startswith("body"):
+            found[f"tip.{what}"] = value
+        elif what not in ("viscous", "coulomb_back"):
+            found[f"{owner}.{SAME.get(what, what)}"] = value
     return found
 
 
@@ -228,10 +260,10 @@ def limits(found: Sequence[Mapping]) -> str:
         seen = [row["grade"] not in ("missed", "failed") for row in mine]
         number = np.array([row["visibility"] for row in mine])
         half = _half(number, np.array(seen)) if mine else None
-        # Sizes are in proportion to visibility: the size at the limit is size * half / visibility.
-        stated = [row["smallest"].get(*row["truth"][:1]) if row["truth"] else None for row in mine]
-        ratio = [s / (row["sizes"][0] * half / row["visibility"]) for s, row in zip(stated, mine, strict=True)
-                 if isinstance(s, float) and half]
+        # Values are in proportion to visibility: the one at the limit is value * half / visibility.
+        ratio = [least / (abs(row["values"][name]) * half / row["visibility"]) for row in mine if half
+                 for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
+                 if row["values"].get(name)]
         lines.append(f"{kind:<24}{'-' if half is None else f'{half:.1f}':>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)

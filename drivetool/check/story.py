@@ -13,7 +13,7 @@ from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosi
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, own_evidence
-from drivetool.check.hypothesis import Tried
+from drivetool.check.hypothesis import TRIFLE, Tried
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.drive.chain import Drive
@@ -42,7 +42,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
                base: Model) -> tuple[CandidateResult, ...]:
     """One line per cause that was tried on top of the base, the best first."""
     by_code = {s.model.code: s for s in scores}
-    lines = []
+    lines, most = [], max((base.value - t.model.value for t in tried if t.model is not None), default=0.0)
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
@@ -50,9 +50,8 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         if t.model is None:
             lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
         elif s is None:
-            lines.append(CandidateResult(
-                *common, _unseen(t), smallest=sizes,
-                reason="it does not make the records it is fitted to more likely"))
+            state, reason = _unjudged(t, base.value - t.model.value, most)
+            lines.append(CandidateResult(*common, state, smallest=sizes, reason=reason))
         else:
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std, own_evidence(s) / float(np.log(10.0)), sizes,
@@ -60,9 +59,14 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
-def _unseen(t: Tried) -> State:
-    """Without effect on the fit: either it is not there, or the record says nothing about it."""
-    return "not-shown" if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()) else "no-gain"
+def _unjudged(t: Tried, gain: float, most: float) -> tuple[State, str]:
+    """State and reason of a cause that had no chance on data held out."""
+    if gain > TRIFLE:
+        return "worse", (f"on the records it is fitted to it gains {gain:.0f} of log likelihood, the likeliest "
+                         f"cause {most:.0f}")
+    if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
+        return "not-shown", "nothing in this record depends on it"
+    return "no-gain", "it does not make the records it is fitted to more likely"
 
 
 def _state(s: Score, decision: Decision) -> State:
