@@ -25,7 +25,7 @@ def base(law="inside", **more):
     values = {"motor.inertia": 0.6, "load.inertia": 5.2, "motor.viscous": 0.8, "load.viscous": 0.3,
               "motor.coulomb": 5.0, "load.coulomb": 4.0, "shaft.stiffness": 3300.0, "shaft.damping": 3.1,
               "shaft.half_gap": 0.01, "converter.bandwidth": 433.0, "converter.damping": 0.69,
-              "converter.dead_time": 1.4 * STEP}
+              "converter.dead_time": 1.4 * STEP, "converter.interpolation": 0.4}
     return replace(two_mass(), values=values | more, damping_law=law)
 
 

@@ -196,6 +196,11 @@ def _dead_time(base: Model) -> list[Start]:
     return [] if present(base, name) else _likeliest(base, [added(base, {name: n * step}, ()) for n in LATE])
 
 
+def _hold(base: Model) -> list[Start]:
+    name = "converter.interpolation"
+    return [] if present(base, name) else [added(base, {name: 1.0}, (), held=(name,))]
+
+
 def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
         if present(base, name) or (role and role not in base.task.roles.outputs):
@@ -256,6 +261,7 @@ CANDIDATES: tuple[Candidate, ...] = (
     Candidate("torque-ripple", "torque-ripple", _ripple),
     Candidate("imbalance", "imbalance", _imbalance),
     Candidate("dead-time", "dead-time", _dead_time),
+    Candidate("torque-hold", "torque-hold", _hold),
     Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", "")),
     Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed")),
     Candidate("torque-offset", "idle-torque", _offset),

@@ -83,6 +83,11 @@ CAUSES = {
         "dead time of the torque", "The torque comes later than the logged command by a fixed time.",
         "Look at bus cycles, and whether command and speed are logged with the same clock.", "dead-time",
         ("dead_time",)),
+    "torque-hold": Cause(
+        "torque logged as it passes", "The logged torque is no step that is held until the next sample: between "
+        "its samples it goes on in a straight line, so the torque acts half a sample earlier than a held one.",
+        "Keep converter.interpolation: 1 in the parameters, and say torque_is: measurement in the channel map.",
+        "torque-hold", ("interpolation",)),
     "converter-lag": Cause(
         "lag of the torque", "The torque follows the logged command with a lag: the current loop is slower than "
         "the model took it to be.", "Look at the tuning of the current loop; log the actual torque too.",

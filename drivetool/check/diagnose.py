@@ -112,6 +112,7 @@ class Search:
         self.causes: list[str] = []
         self.between: tuple[str, ...] = ()
         self.evidence: dict[str, float] = {}
+        self.added: dict[str, tuple[str, ...]] = {}
         self.rounds: list[Round] = []
         self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
@@ -133,9 +134,11 @@ class Search:
             results = results_of(tried, scores, decision, self.model)
             stage = None if decision.best is None or last else self._adopt(decision)
             self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
-            if stage is None or self.between:
+            self.left = remainder(self.model)
+            if stage is None or (len(decision.between) > 1 and self.confident):
                 break
-        self.left = remainder(self.model)
+            self.folds = folds_of(both(self.model, self.masks), self.samples)
+        self._drop_needless()
         return self
 
     def _attempt(self, before: Mapping[str, Tried] | None = None) -> list[Tried]:
@@ -206,14 +209,32 @@ class Search:
         """Make the winner the base of the next round."""
         best, code = decision.best, decision.best.model.code
         stage = self.gain_between(self.trained, best.trained)
-        self.between = decision.between if len(decision.between) > 1 else ()
+        if code in self.between:
+            self.between = ()  # not one or the other, but both
+        elif len(decision.between) > 1 and not self.between:
+            self.between = decision.between
         self.causes.append(code)
         self.evidence[code] = decision.evidence
         self.gained += best.gain
+        self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
         self.model, self.trained = best.model, best.trained
-        if not self.between:
-            self.folds = folds_of(both(self.model, self.masks), self.samples)
         return stage
+
+    def _drop_needless(self) -> None:
+        """Take out what an earlier round put in and a later one has made needless."""
+        for code in self.causes[:-1]:
+            task, names = self.model.fitted, self.added[code]
+            values = {n: v for n, v in task.drive.values.items() if n not in names}
+            if not names or task.drive.bodies != self.first.task.drive.bodies:
+                continue
+            less = replace(task, drive=replace(task.drive, values=values),
+                           free=tuple(n for n in task.free if n not in names))
+            problem = less.problem()
+            trial = fit(code, less, problem, carried(self.model, less, problem), self.model.noise, self.masks)
+            if trial.value < self.model.value + TRIFLE * len(names):
+                self.causes.remove(code)
+                self.between = () if code in self.between else self.between
+                self.model = replace(trial, code=self.model.code)
 
     def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
         """The gain in free runs over held-out blocks."""

@@ -23,7 +23,7 @@ def plant_of(drive: Drive, layout: Layout) -> Plant:
     """The drive as something that runs."""
     dead_time = drive.value("converter.dead_time") or 0.0
     system, laws = augmented(Assembly(drive, layout))
-    return Plant(system, int(dead_time / layout.step + 1e-9), laws)
+    return Plant(system, int(dead_time / layout.step + 1e-9), laws, drive.value("converter.interpolation") or 0.0)
 
 
 def augmented(assembly: Assembly) -> tuple[System, Laws | None]:

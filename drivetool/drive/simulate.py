@@ -55,11 +55,15 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Plant:
-    """A system ready to run: the arrays, its smooth laws, the cache of its modes, the whole-sample delay."""
+    """A system ready to run: the arrays, its smooth laws, the cache of its modes, the whole-sample delay.
+
+    interpolation  share of a straight line between the samples of the motor torque, the rest held
+    """
 
     system: System
     delay_samples: int = 0
     laws: Laws | None = None
+    interpolation: float = 0.0
     cache: Cache = field(init=False)
 
     def __post_init__(self):
@@ -78,9 +82,12 @@ class Plant:
     def held(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(inputs of a sample, those before the dead time switches), each (n, nu).
 
-        Only the first input, the motor torque, is delayed. Before the record it is taken as
-        constant.
+        Only the first input, the motor torque, is delayed and interpolated. Before the record it is
+        taken as constant.
         """
+        if self.interpolation > 0.0:
+            inputs = inputs.copy()
+            inputs[:-1, 0] += 0.5 * self.interpolation * np.diff(inputs[:, 0])
         if self.system.early == 0:
             return inputs, inputs
         now, late = inputs.copy(), inputs.copy()
