@@ -171,10 +171,19 @@ def without_data(text):
     return "\n".join(lines)
 
 
-def test_every_encoding_and_layout_gives_the_same_file(tmp_path, call):
+def test_every_encoding_and_layout_gives_the_same_experiment_and_file(tmp_path, call):
+    from drivetool.files.channel_map_file import load_channel_map
+
     seen = {}
     paths = write_everything(tmp_path)
+    first = open_experiment(paths[0], load_channel_map(tmp_path / "map.yaml"))
     for path in paths:
+        one = open_experiment(path, load_channel_map(tmp_path / "map.yaml"))
+        assert (one.segments, one.torque_unit, one.motion_unit, one.findings) == (
+            first.segments, first.torque_unit, first.motion_unit, ())
+        for role, values in first.signals.items():
+            np.testing.assert_allclose(one.signals[role], values, rtol=1e-12, atol=0)
+        np.testing.assert_allclose(one.time, first.time, rtol=0, atol=1e-12)
         code, out, err = call("steady", path.name, "--map", "map.yaml", "--condition", "lowpass cutoff=300")
         assert code in (0, 3), err
         seen[path.name] = without_data(out)
