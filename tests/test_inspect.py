@@ -222,6 +222,21 @@ def test_convert_changes_nothing(tmp_path, call, two_clocks):
         ["time", "motor_torque", "motor_speed", "load_torque"])
 
 
+def test_a_converted_recording_has_the_same_bytes_whatever_was_in_memory():
+    from drivetool.files.parquet_file import recording_bytes
+    from drivetool.logs.experiment import Channel, Recording
+
+    rng, seen = np.random.default_rng(1), set()
+    one, other = np.arange(200) * 4e-4, np.arange(90) * 8e-4
+    recording = Recording("a", "", {"motor_torque": Channel(one, np.sin(one), "Nm"), "motor_speed": Channel(
+        other, np.sin(other), "rad/s"), "load_torque": Channel(one, np.cos(one), "Nm")}, ())
+    for _ in range(60):
+        for size in rng.integers(1, 9000, 30):
+            np.frombuffer(pa.allocate_buffer(int(size)), np.uint8)[:] = rng.integers(0, 256)
+        seen.add(recording_bytes(recording))
+    assert len(seen) == 1
+
+
 def test_convert_refuses(tmp_path, call):
     hurt(tmp_path / "a.parquet")
     for words, message in ((["-o", "b.csv"], "ends in .parquet"), (["-o", "a.parquet"], "inputs are never changed"),
