@@ -57,7 +57,7 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         raise BadRecording(f"messages in {path.name}", found, "Record or export it again.")
     others = ", ".join(f"{name} ({why})" for name, why in unreadable.items())
     if not fields and not lenient:
-        raise BadRecording(f"topics of {path.name} in an encoding that is read ({', '.join(ENCODINGS)})",
+        raise BadRecording(f"topics of {path.name} that can be read ({', '.join(ENCODINGS)})",
                            f"only {others}", "Record or convert it with one of them, or to Parquet.")
     names = _names(fields, channel_map)
     try:
