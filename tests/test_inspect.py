@@ -12,6 +12,8 @@ import yaml
 from mcap.writer import CompressionType
 
 from drivetool.cli import main
+from drivetool.files.inspect_picture import panels
+from drivetool.files.inspection import exhibit
 from drivetool.files.schema import schemas
 from drivetool.logs.build import open_experiment
 from drivetool.logs.inspect import inspect_log
@@ -72,6 +74,28 @@ def test_what_is_told_of_a_channel(tmp_path):
     assert by_name["motor_torque"].role == "motor_torque"
     assert by_name["motor_torque"].quantum == pytest.approx(0.01)
     assert {"not-read", "gaps", "lost-samples"} <= {f.code for f in found.findings}
+
+
+def test_spikes_are_where_they_were_logged_although_stamps_repeat(tmp_path):
+    time = np.repeat(np.arange(1000) * 1e-3, 2)
+    time[40:60] = time[40:60][::-1]
+    speed = np.random.default_rng(2).uniform(size=2000)
+    speed[1400] = 9.0
+    pq.write_table(pa.table({"time": time, "n": speed}), tmp_path / "a.parquet")
+    found = inspect_log(tmp_path / "a.parquet")
+    assert list(found.channels[0].spikes) == [1400]
+    times, values = exhibit(found).curves["spikes n [?]"]
+    assert (list(times), list(values)) == ([time[1400]], [9.0])
+
+
+def test_the_picture_shows_short_stretches_and_values_that_hardly_differ(tmp_path):
+    time = np.arange(600) * 1e-3 + 1e4 * np.repeat(np.arange(6), 100)
+    pq.write_table(pa.table({"time": time, "n": np.full(600, 3.0), "stamp": 1.7e9 + np.arange(600) % 4}),
+                   tmp_path / "a.parquet")
+    first, second = panels(exhibit(inspect_log(tmp_path / "a.parquet"))).axes
+    assert len(first.lines) == 6 and {line.get_marker() for line in first.lines} == {"."}
+    assert second.texts[0].get_text() == "stamp [?], less 1700000000"
+    assert np.ptp(second.get_ylim()) < 10 and second.get_ylim()[1] < 10
 
 
 def test_inspect_as_yaml_json_and_picture(tmp_path, call):
