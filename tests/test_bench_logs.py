@@ -104,15 +104,27 @@ def ours(path):
     return [first.time, *(channel.values for channel in found.values())]
 
 
-def best(work, times):
-    """(least time, least processor time of all threads, result)."""
-    took, used = [], []
-    for _ in range(times):
-        began, busy = time.perf_counter(), time.process_time()
-        result = work()
-        took.append(time.perf_counter() - began)
-        used.append(time.process_time() - busy)
-    return min(took), min(used), result
+def timed(work):
+    """((time, processor time of all threads), result)."""
+    began, busy = time.perf_counter(), time.process_time()
+    result = work()
+    return (time.perf_counter() - began, time.process_time() - busy), result
+
+
+def against(theirs, mine, rounds, often):
+    """((time, processor time) of theirs and of mine, each the least, result of theirs, result of mine).
+
+    In turns, so that what else the machine does meets both.
+    """
+    mine()  # the first call imports
+    stocks, ours_ = [], []
+    for _ in range(rounds):
+        took, expected = timed(theirs)
+        stocks.append(took)
+        for _ in range(often):
+            took, found = timed(mine)
+            ours_.append(took)
+    return np.min(stocks, axis=0), np.min(ours_, axis=0), expected, found
 
 
 @pytest.mark.bench
@@ -123,14 +135,15 @@ def test_mcap_against_the_stock_decoders(tmp_path, encoding, bar, compression):
     write(path, encoding, compression)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        theirs, their_work, expected = best(lambda: stock(path), 2)
-    mine, my_work, found = best(lambda: ours(path), 7)
+        theirs, mine, expected, found = against(lambda: stock(path), lambda: ours(path), 3, 6)
     for one, other in zip(found[1:], expected[1:], strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_allclose(found[0], (expected[0] - START) / 1e9, rtol=0, atol=1e-9)
-    print(f"\n{encoding:9} {compression.name:5} {N} messages: {mine:.3f} s, stock {theirs:.2f} s, "
-          f"ratio {theirs / mine:.1f}, of processor time {their_work / my_work:.1f}"
-          + (f" (wanted: {bar})" if bar else ""))
+    ratio, of_work = theirs / mine
+    print(f"\n{encoding:9} {compression.name:5} {N} messages: {mine[0]:.3f} s, stock {theirs[0]:.2f} s, "
+          f"ratio {ratio:.1f}, of processor time {of_work:.1f}" + (f" (wanted: {bar})" if bar else ""))
+    # Several threads work here: idle cores show it in the times, busy ones leave only the work to compare.
+    assert max(ratio, of_work) >= (bar or 0)
 
 
 @pytest.mark.bench
@@ -142,9 +155,10 @@ def test_parquet_against_pyarrow(tmp_path):
         table = pq.read_table(path)
         return [table.column(name).to_numpy() for name in ("time", *NAMES)]
 
-    theirs, their_work, expected = best(plain, 15)
-    mine, my_work, found = best(lambda: ours(path), 15)
+    theirs, mine, expected, found = against(plain, lambda: ours(path), 20, 1)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
-    print(f"\nparquet {N} rows: {1e3 * mine:.1f} ms, pyarrow {1e3 * theirs:.1f} ms, ratio {mine / theirs:.2f}, "
-          f"of processor time {my_work / their_work:.2f} (wanted: at most 1.5)")
+    ratio, of_work = mine / theirs
+    print(f"\nparquet {N} rows: {1e3 * mine[0]:.1f} ms, pyarrow {1e3 * theirs[0]:.1f} ms, ratio {ratio:.2f}, "
+          f"of processor time {of_work:.2f} (wanted: at most 1.5)")
+    assert min(ratio, of_work) <= 1.5

@@ -83,6 +83,15 @@ def test_the_statistics_get_what_was_given(folder, asked, call):
     assert call(*WORDS)[0] == 0 and asked.holdout == () and asked.options.candidates == ()
 
 
+def test_conditioning_reaches_all_recordings_and_is_noted(folder, asked, call):
+    code, out, err = call(*WORDS, "--holdout", "b.parquet", "--condition", "decimate factor=2")
+    assert code == 0, err
+    assert [len(e.time) for e in (*asked.experiments, *asked.holdout)] == [250, 250]
+    content = yaml.safe_load(out)
+    assert content["options"]["condition"] == ["decimate factor=2"]
+    assert sum(f["code"] == "conditioned" for f in content["findings"]) == 2
+
+
 def test_the_file_is_one_that_every_step_takes(folder, asked, call):
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     content = yaml.safe_load(Path("x.yaml").read_text())

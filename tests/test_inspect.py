@@ -12,6 +12,8 @@ import yaml
 from mcap.writer import CompressionType
 
 from drivetool.cli import main
+from drivetool.files.inspect_picture import panels
+from drivetool.files.inspection import exhibit
 from drivetool.files.schema import schemas
 from drivetool.logs.build import open_experiment
 from drivetool.logs.inspect import inspect_log
@@ -72,6 +74,28 @@ def test_what_is_told_of_a_channel(tmp_path):
     assert by_name["motor_torque"].role == "motor_torque"
     assert by_name["motor_torque"].quantum == pytest.approx(0.01)
     assert {"not-read", "gaps", "lost-samples"} <= {f.code for f in found.findings}
+
+
+def test_spikes_are_where_they_were_logged_although_stamps_repeat(tmp_path):
+    time = np.repeat(np.arange(1000) * 1e-3, 2)
+    time[40:60] = time[40:60][::-1]
+    speed = np.random.default_rng(2).uniform(size=2000)
+    speed[1400] = 9.0
+    pq.write_table(pa.table({"time": time, "n": speed}), tmp_path / "a.parquet")
+    found = inspect_log(tmp_path / "a.parquet")
+    assert list(found.channels[0].spikes) == [1400]
+    times, values = exhibit(found).curves["spikes n [?]"]
+    assert (list(times), list(values)) == ([time[1400]], [9.0])
+
+
+def test_the_picture_shows_short_stretches_and_values_that_hardly_differ(tmp_path):
+    time = np.arange(600) * 1e-3 + 1e4 * np.repeat(np.arange(6), 100)
+    pq.write_table(pa.table({"time": time, "n": np.full(600, 3.0), "stamp": 1.7e9 + np.arange(600) % 4}),
+                   tmp_path / "a.parquet")
+    first, second = panels(exhibit(inspect_log(tmp_path / "a.parquet"))).axes
+    assert len(first.lines) == 6 and {line.get_marker() for line in first.lines} == {"."}
+    assert second.texts[0].get_text() == "stamp [?], less 1700000000"
+    assert np.ptp(second.get_ylim()) < 10 and second.get_ylim()[1] < 10
 
 
 def test_inspect_as_yaml_json_and_picture(tmp_path, call):
@@ -171,10 +195,19 @@ def without_data(text):
     return "\n".join(lines)
 
 
-def test_every_encoding_and_layout_gives_the_same_file(tmp_path, call):
+def test_every_encoding_and_layout_gives_the_same_experiment_and_file(tmp_path, call):
+    from drivetool.files.channel_map_file import load_channel_map
+
     seen = {}
     paths = write_everything(tmp_path)
+    first = open_experiment(paths[0], load_channel_map(tmp_path / "map.yaml"))
     for path in paths:
+        one = open_experiment(path, load_channel_map(tmp_path / "map.yaml"))
+        assert (one.segments, one.torque_unit, one.motion_unit, one.findings) == (
+            first.segments, first.torque_unit, first.motion_unit, ())
+        for role, values in first.signals.items():
+            np.testing.assert_allclose(one.signals[role], values, rtol=1e-12, atol=0)
+        np.testing.assert_allclose(one.time, first.time, rtol=0, atol=1e-12)
         code, out, err = call("steady", path.name, "--map", "map.yaml", "--condition", "lowpass cutoff=300")
         assert code in (0, 3), err
         seen[path.name] = without_data(out)
@@ -211,6 +244,21 @@ def test_convert_changes_nothing(tmp_path, call, two_clocks):
     assert pq.read_schema(tmp_path / "b.parquet").names == (
         ["channel", "time", "value", "unit"] if two_clocks else
         ["time", "motor_torque", "motor_speed", "load_torque"])
+
+
+def test_a_converted_recording_has_the_same_bytes_whatever_was_in_memory():
+    from drivetool.files.parquet_file import recording_bytes
+    from drivetool.logs.experiment import Channel, Recording
+
+    rng, seen = np.random.default_rng(1), set()
+    one, other = np.arange(200) * 4e-4, np.arange(90) * 8e-4
+    recording = Recording("a", "", {"motor_torque": Channel(one, np.sin(one), "Nm"), "motor_speed": Channel(
+        other, np.sin(other), "rad/s"), "load_torque": Channel(one, np.cos(one), "Nm")}, ())
+    for _ in range(60):
+        for size in rng.integers(1, 9000, 30):
+            np.frombuffer(pa.allocate_buffer(int(size)), np.uint8)[:] = rng.integers(0, 256)
+        seen.add(recording_bytes(recording))
+    assert len(seen) == 1
 
 
 def test_convert_refuses(tmp_path, call):

@@ -13,7 +13,8 @@ from drivetool.errors import BadRecording
 from drivetool.logs import field_path
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.mcap import layout, source
+from drivetool.logs.mcap import container, layout, source
+from drivetool.logs.mcap.collector import Collector
 from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.ros import cdr_walk
 from drivetool.logs.mcap.source import Source
@@ -274,6 +275,46 @@ def test_files_that_do_not_fit_into_memory_are_read_twice(tmp_path, monkeypatch)
     twice = everything(tmp_path / "a.mcap")
     for name, channel in once.channels.items():
         assert channel.values.tobytes() == twice.channels[name].values.tobytes()
+
+
+@given(st.lists(st.sampled_from([1, 5, 30]), max_size=30), st.integers(1, 40), st.integers(0, 9), st.booleans())
+def test_records_are_found_one_by_one_or_in_runs(lengths, count, cut, zero):
+    for every in (lengths, lengths + [7] * count, [7] * count, [7] * count + lengths):
+        raw = b"".join(struct.pack("<BQ", 5, n) + bytes(n) for n in every) + bytes(50 if zero else 0)
+        kept = raw[:len(raw) - cut]
+        expected, at = [], 0
+        for n in every:
+            if at + 9 + n <= len(kept):
+                expected.append(at + 9)
+            at += 9 + n
+        found = container.walk(np.frombuffer(kept, np.uint8))
+        assert found.start.tolist() == expected
+        assert found.length.tolist() == every[:len(expected)] and set(found.code.tolist()) <= {5}
+        assert found.whole == (sum(every) + 9 * len(every) == len(kept) and not zero)
+
+
+def test_a_column_turns_to_floats_with_its_first_float():
+    column = Collector(5)
+    column.add(np.array([1, 2**62]))
+    assert column.values.tolist() == [1, 2**62] and column.values.dtype.kind == "i"
+    column.add(np.array([0.5]))
+    column.add(np.array([3]))
+    assert column.values.tolist() == [1.0, 2.0**62, 0.5, 3.0]
+
+
+@pytest.mark.parametrize("size", [10, 1 << 40, (1 << 64) - 1])
+def test_a_chunk_with_a_wrong_size_costs_itself(tmp_path, size):
+    encodings.write(tmp_path / "a.mcap", "cdr", encodings.rows(100, STEP, START))
+    raw = bytearray((tmp_path / "a.mcap").read_bytes())
+    at, which = 8, 0
+    while raw[at] != 6 or which < 1:
+        which += raw[at] == 6
+        at += 9 + struct.unpack_from("<Q", raw, at + 1)[0]
+    struct.pack_into("<QI", raw, at + 9 + 16, size, 0)  # the size, and no checksum that would tell
+    (tmp_path / "a.mcap").write_bytes(raw)
+    found = everything(tmp_path / "a.mcap")
+    assert 30 < len(found.channels["/drive.speed"].values) < 100
+    assert [f.code for f in found.findings] == ["damaged-log"]
 
 
 STEPS = st.lists(st.from_regex(r"[a-z_]{1,5}", fullmatch=True) | st.integers(0, 99)

@@ -10,7 +10,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import DriveToolError
 
@@ -41,13 +41,15 @@ Order = Annotated[int | None, typer.Option(
 
 
 def command(
-    logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, drive: cli.DriveName = None,
-    structure: Structures = None, order: Order = None, noise_order: cli.NoiseOrder = None, set: cli.Set = None,
+    logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
+    drive: cli.DriveName = None, structure: Structures = None, order: Order = None,
+    noise_order: cli.NoiseOrder = None, set: cli.Set = None,
     out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False,
     debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet)
+    job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+              condition or ())
 
     def work() -> int:
         from drivetool.identify.compare import CompareOptions
@@ -70,5 +72,5 @@ def run(job: Job, options: CompareOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    found = replace(found, options=asdict(options), findings=findings(opened, found.findings))
+    found = replace(found, options=noted(job, asdict(options)), findings=findings(opened, found.findings))
     return deliver(job, comparison_file(found, opened.inputs), found.exhibits)

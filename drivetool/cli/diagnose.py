@@ -10,7 +10,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, inputs_stay, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, inputs_stay, noted, open_all
 from drivetool.cli.outcomes import guarded, say
 from drivetool.errors import BadOption, DriveToolError
 
@@ -35,12 +35,13 @@ Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Wh
 def command(
     logs: cli.Logs, params: cli.Base, holdout: Holdout = None, candidates: Candidates = "",
     error_budget: Budget = 0.01, rounds: Rounds = 3, seed: cli.Seed = 1, map: cli.Map = None,
-    out: cli.Out = None, report: Report = None, json: cli.Json = False, plot: cli.Plot = None,
-    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+    condition: cli.Condition = None, out: cli.Out = None, report: Report = None, json: cli.Json = False,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
     held = tuple(holdout or ())
-    job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet)
+    job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet,
+              condition or ())
 
     def work() -> int:
         from drivetool.check.diagnosis import DiagnoseOptions
@@ -84,7 +85,8 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     said = (*base_findings(loaded, training, holdout), verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
-    found = replace(found, estimate=replace(found.estimate, findings=findings(opened, said), options=used))
+    found = replace(found, estimate=replace(
+        found.estimate, findings=findings(opened, said), options=noted(job, used)))
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -86,6 +86,11 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
     return drive.with_values(dict(start_value(word, drive) for word in job.set))
+
+
+def noted(job: Job, options: Mapping[str, object]) -> dict[str, object]:
+    """The options that a step used, and the conditioning if there was any."""
+    return dict(options) | ({"condition": list(job.condition)} if job.condition else {})
 
 
 def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:

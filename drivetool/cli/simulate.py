@@ -27,12 +27,13 @@ Segment = Annotated[float, typer.Option(
 
 
 def command(
-    log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, drive: cli.DriveName = None,
-    set: cli.Set = None, segment: Segment = 0.0, plot: cli.Plot = None, strict: cli.Strict = False,
-    debug: cli.Debug = False, quiet: cli.Quiet = False,
+    log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
+    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet)
+    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
+              condition or ())
     guarded("simulate", lambda: run(job, segment), debug)
 
 
@@ -51,6 +52,8 @@ def run(job: Job, segment: float) -> int:
     found = run_model(experiment, drive_for(job, opened), segment)
     models = ", ".join(name for name, _ in opened.inputs)
     about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
+    if job.condition:
+        about["condition"] = "; ".join(job.condition)
     write_whole(job.out, run_table(found, about))
     pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
     if not job.quiet:

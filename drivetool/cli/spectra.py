@@ -11,7 +11,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, findings, open_all
+from drivetool.cli.inputs import Job, findings, noted, open_all
 from drivetool.cli.outcomes import guarded, say
 from drivetool.errors import BadOption, DriveToolError
 
@@ -60,15 +60,14 @@ Curves = Annotated[str | None, typer.Option(
 
 
 def command(
-    logs: cli.Logs, map: cli.Map = None, method: Method = MethodName.auto, estimator: EstimatorKind = None,
-    window: Window = "hann", length: Length = None, overlap: Overlap = 0.5, period: Period = None,
-        skip: Skip = None,
-    output: Output = None, band: cli.Band = None, curves: Curves = None, out: cli.Out = None,
-        json: cli.Json = False,
-    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+    logs: cli.Logs, map: cli.Map = None, condition: cli.Condition = None, method: Method = MethodName.auto,
+    estimator: EstimatorKind = None, window: Window = "hann", length: Length = None, overlap: Overlap = 0.5,
+    period: Period = None, skip: Skip = None, output: Output = None, band: cli.Band = None,
+    curves: Curves = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, debug, quiet)
+    job = Job("spectra", logs, (), map, None, (), out, json, plot, strict, debug, quiet, condition or ())
 
     def work() -> int:
         from drivetool.identify.spectra import SpectraOptions
@@ -97,7 +96,7 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    spectrum = replace(spectrum, options=asdict(options), findings=findings(opened, spectrum.findings))
+    spectrum = replace(spectrum, options=noted(job, asdict(options)), findings=findings(opened, spectrum.findings))
     if curves:
         write_curves(curves, spectrum)
         if not job.quiet:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import DriveToolError
 
@@ -89,7 +89,5 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     plain = asdict(Options())  # of what only one step has, the file says what was asked for
     used = {name: value for name, value in used.items()
             if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
-    if job.condition:
-        used["condition"] = list(job.condition)
-    estimate = replace(estimate, options=used, findings=findings(opened, estimate.findings))
+    estimate = replace(estimate, options=noted(job, used), findings=findings(opened, estimate.findings))
     return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

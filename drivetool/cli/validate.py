@@ -10,7 +10,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded, say
 from drivetool.errors import DriveToolError
 
@@ -63,8 +63,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     models = [(source.name, source.sha256, drive_for(job, opened, replace(opened.loaded, sources=(source,))))
               for source in opened.loaded.sources]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
-    validation = replace(validation, options=asdict(options) | {"gains": entry[0], "configuration": configuration},
-                         findings=findings(opened, validation.findings))
+    used = asdict(options) | {"gains": entry[0], "configuration": configuration}
+    validation = replace(validation, options=noted(job, used), findings=findings(opened, validation.findings))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
@@ -84,13 +84,12 @@ def run(job: Job, options: ValidateOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    used = asdict(options) | dict(validation.options)
-    if job.condition:
-        used["condition"] = list(job.condition)
-    validation = replace(validation, options=used,
+    validation = replace(validation, options=noted(job, asdict(options) | dict(validation.options)),
                          findings=findings(opened, validation.findings))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
+        words += ["--map", job.map] if job.map else []
+        words += [word for step in job.condition for word in ("--condition", step)]
         say("validate", f"what is left over has a cause; run diagnose: {shlex.join(words)}")
     return code

@@ -15,6 +15,7 @@ from drivetool.errors import Finding
 from drivetool.files.shapes import FileSection, FindingSection, Number, Shape
 from drivetool.files.text import plain
 from drivetool.identify.estimate import Exhibit
+from drivetool.logs.clock import FAR
 from drivetool.logs.inspect import ChannelReport, Inspection
 
 INSPECTION_SCHEMA = "drivetool/inspection/1"
@@ -137,14 +138,14 @@ def exhibit(found: Inspection) -> Exhibit:
     for report in shown:
         channel = found.recording.channels[report.name]
         order = np.argsort(channel.time, kind="stable")
-        order = order[np.isfinite(channel.time[order])]
+        order = order[np.abs(channel.time[order]) < FAR]
         time, values = channel.time[order], channel.values[order]
         label = f"{report.role or report.name} [{report.unit or '?'}]"
         while label in curves:
             label += " "
         curves[label] = time, values
         if len(report.spikes):
-            curves[f"spikes {label}"] = time[report.spikes], values[report.spikes]
+            curves[f"spikes {label}"] = channel.time[report.spikes], channel.values[report.spikes]
         if report.gaps:
             curves[f"gaps {label}"] = tuple(np.array(report.gaps).T)
     left = len(found.channels) - len(shown)

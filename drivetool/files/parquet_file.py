@@ -29,8 +29,10 @@ def recording_bytes(recording: Recording) -> bytes:
         sizes = [len(c.values) for c in channels.values()]
 
         def spread(texts):
-            codes = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
-            return pa.DictionaryArray.from_arrays(codes, pa.array(texts, pa.string()))
+            # Each text once: of a dictionary that repeats one, Arrow writes bits that were never set.
+            kinds = list(dict.fromkeys(texts))
+            codes = np.repeat(np.array([kinds.index(text) for text in texts], np.int32), sizes)
+            return pa.DictionaryArray.from_arrays(codes, pa.array(kinds, pa.string()))
 
         arrays = [spread(list(channels)), pa.array(np.concatenate([c.time for c in channels.values()])),
                   pa.array(np.concatenate([c.values for c in channels.values()])),

@@ -96,6 +96,10 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
     kept = tuple(p for p in pieces if p[1] - p[0] >= MIN_SEGMENT)
     total = sum(b - a for a, b in kept)
     if total < MIN_SAMPLES:
+        if missing:
+            raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}",
+                                f"{total}, since the torque has no value at {missing} of {len(usable)}",
+                                "Check the recorder; the model cannot run without the torque.")
         raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}", f"{total}",
                             "Record longer or at a higher rate.")
     findings = []

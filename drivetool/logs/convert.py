@@ -13,6 +13,9 @@ from drivetool.logs.experiment import ROLES, Channel, Recording
 from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
 from drivetool.logs.wrap import looks_wrapped, unwrap
 
+# What no drive reaches, in any unit, and whose square is still a number.
+BEYOND = 1e100
+
 
 @dataclass(frozen=True)
 class Signal:
@@ -25,7 +28,7 @@ class Signal:
 
 def to_signals(recording: Recording, chosen: Mapping[str, str],
                channel_map: ChannelMap | None) -> tuple[dict[str, Signal], list[Finding]]:
-    """Every chosen channel in SI, in the order of ROLES; infinite values become missing ones.
+    """Every chosen channel in SI, in the order of ROLES; infinite and impossibly large values become missing ones.
 
     chosen   role -> channel name
     returns  role -> Signal, findings
@@ -39,7 +42,7 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
         values, si, more = _convert(channel, entry, role, recording.name)
         findings += more
-        finite = np.isfinite(values)
+        finite = np.abs(values) < BEYOND
         count = int(np.sum(~finite))
         if count == len(values):
             raise BadRecording(f"values of {role} in {recording.name}", f"none in channel '{chosen[role]}'",
@@ -48,7 +51,7 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
             values = np.where(finite, values, np.nan)
             findings.append(Finding(
                 "warning", "missing-values",
-                f"{role} has no finite value at {100 * count / len(values):.2g} % of its samples.",
+                f"{role} has no value that can be used at {100 * count / len(values):.2g} % of its samples.",
                 {"role": role, "samples": count, "of": len(values), "share": count / len(values)},
                 "Check the recorder and the sensor."))
         time = channel.time

@@ -27,7 +27,7 @@ class ChannelReport:
     least, most  range of the values in the channel's unit; None if there is none
     gaps      interruptions; longest [s]; lost: single samples
     quantum   step in which the values are quantised, 0.0 if they are not
-    spikes    places of samples that stand out of the running median
+    spikes    places in the channel of samples that stand out of the running median
     held      how often every value appears in a row, 1 if the channel is as fast as its clock
     clock     clock problem in one sentence, or empty
     """
@@ -168,4 +168,4 @@ def _report(name: str, channel: Channel, role: str | None, clock: _Clock, unit: 
         float(time[0]) if len(time) else 0.0, float(time[-1] - time[0]) if len(time) else 0.0,
         clock.rate, clock.jitter,
         float(finite.min()) if len(finite) else None, float(finite.max()) if len(finite) else None,
-        clock.gaps, clock.lost, quantum(values), np.flatnonzero(spikes), held(values), clock.told)
+        clock.gaps, clock.lost, quantum(values), clock.keep[spikes], held(values), clock.told)

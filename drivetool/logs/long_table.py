@@ -40,12 +40,14 @@ def is_long(schema: pa.Schema, channel_map: ChannelMap | None) -> bool:
 
 
 def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choose,
-              channel_map: ChannelMap | None, findings: list[Finding]) -> Recording:
+              channel_map: ChannelMap | None, findings: list[Finding], lenient: bool = False) -> Recording:
     """The channels of a long table, each on its own clock; rows of one channel in their order.
 
     A column called `unit` gives the units.
 
-    raises  BadRecording: no time column, values that are no numbers, a role with a clock of its own
+    lenient  leave out what cannot be read instead of refusing it
+    raises   BadRecording: no time column, values that are no numbers, a role with a clock of its own, a channel
+             in several units
     """
     import pyarrow as pa
 
@@ -67,14 +69,23 @@ def read_long(tables: list[pa.Table], schema: pa.Schema, log: str, choose: Choos
     edges = np.searchsorted(codes[order], np.arange(len(names) + 1))
     wanted = list(dict.fromkeys(choose([name for name in names if name is not None])))
     channels: dict[str, Channel] = {}
+    unreadable: dict[str, str] = {}
     for name in wanted:
         code = names.index(name)
         rows = order[edges[code]:edges[code + 1]]
-        unit = units[unit_codes[rows[0]]] if len(rows) else None
+        given = [units[each] for each in np.unique(unit_codes[rows])]
+        if len(given) > 1:
+            found = f"it comes in several units ({', '.join(str(unit or 'none') for unit in given)})"
+            if not lenient:
+                raise BadRecording(f"one unit of channel '{name}' in {log}", found,
+                                   "Give the values in each unit a channel of their own.")
+            unreadable[name] = found
+            continue
+        unit = given[0] if given else None
         own = next((c.time for c in channels.values() if np.array_equal(c.time, time[rows], equal_nan=True)),
                    None)
         channels[name] = Channel(time[rows] if own is None else own, values[rows], unit)
-    return Recording(log, "", channels, tuple(findings), origin)
+    return Recording(log, "", channels, tuple(findings), origin, unreadable)
 
 
 def _named(schema: pa.Schema, known: tuple[str, ...]) -> str | None:

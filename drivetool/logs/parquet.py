@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,9 +14,9 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
 from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
-from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.experiment import ROLES, Channel, Recording
 from drivetool.logs.long_table import is_long, read_long
-from drivetool.logs.table_time import from_step, table_time, time_column
+from drivetool.logs.table_time import from_step, origin_of, table_time, time_column
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -38,23 +39,25 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
     """
     with ExitStack() as stack:
         files, findings = _open(path, stack)
-        schema = files[0].schema_arrow
+        schema, twice = _unique(files[0].schema_arrow, path.name)
         if all(file.metadata.num_rows == 0 for file in files):
             raise BadRecording(f"samples in {path.name}", "a table without rows",
                                "Record or export it again.")
         if is_long(schema, channel_map):
             tables = _read(files, None, path.name, findings)
-            return read_long(tables, schema, path.name, choose, channel_map, findings)
+            return read_long(tables, schema, path.name, choose, channel_map, findings, lenient)
         stamps = _stamps(schema, channel_map, path.name)
         names = flat_names(schema, [each for each in stamps.values() if each])
         if channel_map:
             asked = [entry.channel for entry in channel_map.roles.values()]
             names |= {text: steps for text in asked if text not in names for steps in [steps_of(text, schema)]
                       if steps}
+        if not lenient:
+            _refuse_repeated(twice, channel_map, path.name)
         wanted = list(dict.fromkeys(choose(list(names))))
         clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
         columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
-        unreadable: dict[str, str] = {}
+        unreadable = {name: f"{count} columns have this name" for name, count in twice.items()}
         lost: list[Finding] = []
         tables = _read(files, columns, path.name, lost, lenient)
         if lost and lenient:
@@ -65,6 +68,30 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
         findings += lost
     return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings,
                       unreadable if lenient else None)
+
+
+def _unique(schema: pa.Schema, log: str) -> tuple[pa.Schema, dict[str, int]]:
+    """(the columns whose name is theirs alone; how many columns have each of the other names).
+
+    raises  BadRecording: there is no such column
+    """
+    import pyarrow as pa
+
+    counts = Counter(schema.names)
+    kept = [field for field in schema if counts[field.name] == 1]
+    if schema.names and not kept:
+        raise BadRecording(f"columns with names of their own in {log}", f"{len(schema.names)} columns that share "
+                           f"{', '.join(counts)}", "Export it with a name for each column.")
+    return pa.schema(kept, schema.metadata), {name: count for name, count in counts.items() if count > 1}
+
+
+def _refuse_repeated(twice: Mapping[str, int], channel_map: ChannelMap | None, log: str) -> None:
+    """A role must not depend on which of several columns of one name is meant."""
+    asked = [entry.channel for entry in channel_map.roles.values()] if channel_map else ROLES
+    for name in asked:
+        if name in twice:
+            raise BadRecording(f"one column '{name}' in {log}", f"{twice[name]}",
+                               "Rename one of them, or leave it out when exporting.")
 
 
 def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Finding]]:
@@ -81,7 +108,7 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
             files.append(file)
         except (pa.ArrowException, OSError, ValueError) as problem:
             broken.append(part.name)
-            reason = str(problem).split(". ")[0][:100]
+            reason = str(problem).splitlines()[0].split(". ")[0][:100]
     if not files:
         raise BadRecording(
             f"Parquet files in the folder {path.name}" if path.is_dir() else f"a Parquet file in {path.name}",
@@ -183,7 +210,7 @@ def _recording(tables: list[pa.Table], schema: pa.Schema, wanted: list[str], nam
     for entry, column in stamps.items():
         given = entry or (channel_map.time if channel_map else None)
         clocks[entry] = table_time([table], column, schema, given, log) if column else \
-            (from_step(schema, table.num_rows, log), float((schema.metadata or {}).get(b"origin", 0)))
+            (from_step(schema, table.num_rows, log), origin_of(schema))
     own = {}
     for entry in channel_map.roles.values() if channel_map else ():
         name = resolve(entry.channel, names) if entry.clock else None

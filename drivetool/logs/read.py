@@ -33,6 +33,7 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
     raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
     """
     path = Path(path)
+    path = path if path.name else path.resolve()  # `.` has no name of its own
     kind = ".parquet" if path.is_dir() else path.suffix.lower()
     if kind not in READERS:
         raise BadRecording("a recording with a known suffix", path.name,

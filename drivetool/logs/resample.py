@@ -52,7 +52,11 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
     clocks, findings = _clean(signals, log)
     for role, clock in clocks.items():
         if len(clock.time) < 2:
-            raise NotEnoughData(f"samples of {role} in {log}", f"{len(clock.time)}", "Record longer.")
+            count = len(signals[role].time)
+            raise NotEnoughData(f"samples of {role} at different times in {log}",
+                                f"{count} at one time" if count > 1 else f"{count}",
+                                "Choose another clock with `time:` in the channel map." if count > 1
+                                else "Record longer.")
     findings += clock_offsets({role: Signal(clock.time, clock.of(signals[role].values), signals[role].si)
                                for role, clock in clocks.items()}, log)
     leader = "motor_torque" if "motor_torque" in clocks else min(

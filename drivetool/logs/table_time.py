@@ -50,7 +50,6 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
     table = tables[0]
     steps = steps_of(column, schema)
     kind = field_at(schema, steps).type
-    origin = float((schema.metadata or {}).get(b"origin", 0))
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_integer(kind):
         stored = table.column(steps[0])
         for step in steps[1:]:
@@ -61,9 +60,22 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
         else:
             ticks = _TICKS[kind.unit]
         return _from_ticks(stored.cast(pa.int64()), ticks)
-    seconds = numbers(table, steps, column, log)
+    try:
+        seconds = numbers(table, steps, column, log)
+    except BadRecording:
+        raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
+                           "Name another with `time:` in the channel map, or export it as time stamps.") from None
     unit = _unit(column, schema, steps, entry)
-    return parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si(seconds), origin
+    return parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si(seconds), origin_of(schema)
+
+
+def origin_of(schema: pa.Schema) -> float:
+    """`origin` [s] in the metadata of a table, from which its seconds are counted; 0 if there is none."""
+    try:
+        origin = float((schema.metadata or {}).get(b"origin", 0))
+    except ValueError:
+        return 0.0
+    return origin if np.isfinite(origin) else 0.0
 
 
 def _unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
@@ -72,7 +84,7 @@ def _unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None)
         return entry.unit
     unit = (field_at(schema, steps).metadata or {}).get(b"unit")
     if unit:
-        return unit.decode()
+        return unit.decode("utf-8", "replace")
     ending = re.search(r"_\[?(s|ms|us|ns)\]?$|\[(s|ms|us|ns)\]$", column.strip().lower())
     return (ending[1] or ending[2]) if ending else None
 

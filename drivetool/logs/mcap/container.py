@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.logs.mcap.places import Places
+from drivetool.logs.mcap.room import Room
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
@@ -57,10 +58,24 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
     Records of one length in a row, as a single topic of fixed layout gives them, are recognised at
     once; others cost a loop.
     """
+    whole = _one_run(data, first)
+    if whole is not None:
+        return whole
     # Without a view of its own, each unpacking would ask the array for one.
     view, last, read = memoryview(data), len(data), _LENGTH.unpack_from
-    parts: list[np.ndarray] = []
+    begin: list[np.ndarray] = []
+    codes: list[np.ndarray] = []
+    lengths: list[np.ndarray] = []
     places: list[int] = []
+
+    def singles():
+        if places:
+            starts = np.array(places, np.int64)
+            seen = Places(data, starts, 0).read(0, _RECORD)
+            begin.append(starts)
+            codes.append(seen["code"])
+            lengths.append(seen["length"].astype(np.int64))
+
     at, before, alike, wait = first, -1, 0, 0
     while at + 9 <= last:
         length = read(view, at + 1)[0]
@@ -72,7 +87,10 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
             if alike >= _ALIKE and len(places) >= wait:
                 count = _run(data, at, length)
                 if count >= 2 * _ALIKE:
-                    parts += [np.array(places, np.int64), at + (9 + length) * np.arange(count)]
+                    singles()
+                    begin.append(np.arange(at, at + (9 + length) * count, 9 + length))
+                    codes.append(np.full(count, data[at]))
+                    lengths.append(np.full(count, length))
                     places, alike, wait = [], 0, 0
                     at += (9 + length) * count
                     continue
@@ -81,14 +99,30 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
             before, alike = length, 0
         places.append(at)
         at = after
-    begin = np.concatenate([*parts, np.array(places, np.int64)])
-    seen = Places.of(data, begin).read(0, _RECORD)
+    singles()
+    code = np.concatenate([*codes, np.zeros(0, np.uint8)])
+    start, length = (np.concatenate([*each, np.zeros(0, np.int64)]) for each in (begin, lengths))
     # No record has the code 0: from there on it is not records.
-    nothing = np.flatnonzero(seen["code"] == 0)
+    nothing = np.flatnonzero(code == 0)
     if len(nothing):
-        at = int(begin[nothing[0]])
-        begin, seen = begin[:nothing[0]], seen[:nothing[0]]
-    return Records(data, seen["code"], begin + 9, seen["length"].astype(np.int64), at)
+        first = nothing[0]
+        at, code, start, length = int(start[first]), code[:first], start[:first], length[:first]
+    return Records(data, code, start + 9, length, at)
+
+
+def _one_run(data: np.ndarray, first: int) -> Records | None:
+    """All records, if they are of one kind and length; then these are stated once and take no room."""
+    if len(data) - first < 9:
+        return None
+    code, length = data[first], _LENGTH.unpack_from(data, first + 1)[0]
+    stride = 9 + length
+    if code == 0 or (len(data) - first) % stride or len(data) - first < 2 * stride:
+        return None
+    count = (len(data) - first) // stride
+    if _run(data, first, length) < count:
+        return None
+    return Records(data, np.broadcast_to(code, count), np.arange(first + 9, len(data), stride),
+                   np.broadcast_to(np.int64(length), count), len(data))
 
 
 def _run(data: np.ndarray, at: int, length: int) -> int:
@@ -107,10 +141,11 @@ def _run(data: np.ndarray, at: int, length: int) -> int:
     return count
 
 
-def open_chunk(content: memoryview, cut: bool = False) -> tuple[np.ndarray, str]:
+def open_chunk(content: memoryview, cut: bool = False, room: Room | None = None) -> tuple[np.ndarray, str]:
     """The records of a chunk, unpacked.
 
     content  of a chunk record; cut: whether its end is missing, then as much as can be unpacked
+    room     where the bytes may go
     returns  (bytes, what was wrong; empty if nothing)
     """
     nothing = np.zeros(0, np.uint8)
@@ -124,7 +159,7 @@ def open_chunk(content: memoryview, cut: bool = False) -> tuple[np.ndarray, str]
     if not cut and stated > len(packed):
         return nothing, "a chunk with a broken head"
     try:
-        data = _unpack(packed if cut else packed[:stated], packing, size, cut)
+        data = _unpack(packed if cut else packed[:stated], packing, size, cut, room or Room())
     except KeyError:
         return nothing, f"a chunk packed with '{packing}' (read are lz4, zstd and none)"
     except Exception as problem:  # damaged bytes fail in the libraries with any kind
@@ -134,19 +169,25 @@ def open_chunk(content: memoryview, cut: bool = False) -> tuple[np.ndarray, str]
     return np.frombuffer(data, np.uint8), ""
 
 
-def _unpack(packed: memoryview, packing: str, size: int, cut: bool) -> bytes | memoryview:
+def _unpack(packed: memoryview, packing: str, size: int, cut: bool, room: Room) -> bytes | memoryview | np.ndarray:
     """The unpacked bytes; of a cut stream those that can be had."""
     if packing == "":
         return packed
     if packing == "lz4":
         import lz4.frame
 
-        return lz4.frame.LZ4FrameDecompressor().decompress(bytes(packed))
+        return lz4.frame.LZ4FrameDecompressor().decompress(packed) if cut else lz4.frame.decompress(packed)
     if packing == "zstd":
         import zstandard
 
         unpacker = zstandard.ZstdDecompressor()
-        return unpacker.decompressobj().decompress(packed) if cut else unpacker.decompress(packed, size)
+        if cut:
+            return unpacker.decompressobj().decompress(packed)
+        data = room.take(size)
+        with unpacker.stream_reader(packed) as reader:
+            if reader.readinto(data) != size:
+                raise ValueError("another size than stated")
+        return data
     raise KeyError(packing)
 
 

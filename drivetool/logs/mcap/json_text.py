@@ -105,7 +105,15 @@ def _column(values: list) -> np.ndarray:
         column = np.zeros(0)
     if column.dtype.kind in "if" and column.shape == (len(values),):
         return column
-    return np.array([float(v) if isinstance(v, int | float) else np.nan for v in values])
+    return np.array([_float(v) if isinstance(v, int | float) else np.nan for v in values])
+
+
+def _float(value: float) -> float:
+    """A number as a float; NaN if it is too large for one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return np.nan
 
 
 def declared(schema: Any, path: Path = ()) -> Iterator[Path]:

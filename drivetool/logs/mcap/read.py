@@ -14,6 +14,7 @@ from drivetool.errors import BadRecording, Finding
 from drivetool.logs import field_path
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
 from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.mcap.collector import Collector
 from drivetool.logs.mcap.layout import Broken
 from drivetool.logs.mcap.source import Source
 from drivetool.logs.mcap.stamps import LOG_TIME, NAMED, clocks, to_ticks
@@ -56,7 +57,7 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         raise BadRecording(f"messages in {path.name}", found, "Record or export it again.")
     others = ", ".join(f"{name} ({why})" for name, why in unreadable.items())
     if not fields and not lenient:
-        raise BadRecording(f"topics of {path.name} in an encoding that is read ({', '.join(ENCODINGS)})",
+        raise BadRecording(f"topics of {path.name} that can be read ({', '.join(ENCODINGS)})",
                            f"only {others}", "Record or convert it with one of them, or to Parquet.")
     names = _names(fields, channel_map)
     try:
@@ -135,7 +136,7 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
             lenient: bool) -> tuple[dict[str, Channel], float]:
     """Read the parts block by block and put their clocks beside them."""
     readers = [fields[part.topic].columns([*part.channels.values(), *part.stamp_paths]) for part in parts]
-    pieces: list[list[list[np.ndarray]]] = [[] for _ in parts]
+    pieces = [_collectors(part, source) for part in parts]
     broken: Counter[str] = Counter()
     for block in source.blocks():
         for part, reader, collected in zip(parts, readers, pieces, strict=True):
@@ -149,11 +150,12 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
             if not good.all():
                 broken[part.topic] = broken[part.topic] + int(np.sum(~good))
                 columns = [column[good] for column in columns]
-            collected.append(columns)
+            for collector, column in zip(collected, columns, strict=True):
+                collector.add(column)
     kept, ticks, values = [], [], []
     for part, collected in zip(parts, pieces, strict=True):
-        columns = [np.concatenate(each) for each in zip(*collected, strict=True)]
-        if not columns or not len(columns[0]):
+        columns = [each.values for each in collected]
+        if not len(columns[0]):
             why = "messages that are not what their schema says"
             if not lenient:
                 raise BadRecording(f"readable messages in {part.topic} of {log}", why, "Check the recorder.")
@@ -167,6 +169,12 @@ def _decode(source: Source, fields: Mapping[str, Fields], parts: list[Part], log
     return {name: Channel(time, column.astype(float, copy=False), fields[part.topic].unit(path))
             for part, time, columns in zip(kept, times, values, strict=True)
             for (name, path), column in zip(part.channels.items(), columns, strict=True)}, origin
+
+
+def _collectors(part: Part, source: Source) -> list[Collector]:
+    """One per channel, then for the stamp: its fields, or the time that every message has."""
+    return [Collector(source.topics[part.topic].count)
+            for _ in range(len(part.channels) + (len(part.stamp_paths) or 1))]
 
 
 def _broken_finding(topic: str, count: int, source: Source, log: str) -> Finding:

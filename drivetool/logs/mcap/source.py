@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from drivetool.errors import BadRecording
 from drivetool.logs.mcap import container
 from drivetool.logs.mcap.container import CHANNEL, CHUNK, HEAD, MESSAGE, SCHEMA, Records
 from drivetool.logs.mcap.places import Places
+from drivetool.logs.mcap.room import Room
 
 # Unpacked chunks up to this size are kept from the first pass to the second.
 KEPT = 1 << 28
@@ -51,19 +53,21 @@ class Block:
 
     places  where they begin, with their heads; lengths (n,) of their contents
     head    (n,) structured: channel, sequence, log_time, publish_time
+    only    the channel of all of them, or None where there are several
     """
 
     places: Places
     lengths: np.ndarray
     head: np.ndarray
+    only: int | None
 
     def of(self, channels: list[int]) -> tuple[slice | np.ndarray, Places, np.ndarray]:
         """(which of the messages, places and lengths of their contents) of what the channels said."""
-        mine = _among(self.head["channel"], channels)
         data, starts = self.places.data, self.places.starts
-        if mine.all():
+        mine = _among(self.head["channel"], channels) if self.only is None else None
+        if self.only in channels or (mine is not None and mine.all()):
             return slice(None), Places(data, starts + HEAD, self.places.stride), self.lengths
-        which = np.flatnonzero(mine)
+        which = np.flatnonzero(mine) if mine is not None else np.zeros(0, np.int64)
         return which, Places.of(data, starts[which] + HEAD), self.lengths[which]
 
     def content(self, index: int) -> bytes:
@@ -117,7 +121,8 @@ class Source:
         """Block by block through the file; notes what is damaged."""
         top = self._top
         loose = np.flatnonzero(top.code == MESSAGE)
-        opened = _ahead(container.open_chunk, map(top.content, np.flatnonzero(top.code == CHUNK)))
+        opened = _ahead(partial(container.open_chunk, room=Room()),
+                        map(top.content, np.flatnonzero(top.code == CHUNK)))
         for index in np.flatnonzero(top.code != MESSAGE):
             code = int(top.code[index])
             if code == CHUNK:
@@ -154,9 +159,11 @@ class Source:
         everything = len(which) == len(records.start)
         places = Places.of(records.data, records.start if everything else records.start[which])
         head = places.read(0, container.HEADS)
-        if not self._described[head["channel"]].all():
+        numbers = head["channel"]
+        only = int(numbers[0]) if len(numbers) and np.all(numbers == numbers[0]) else None
+        if not np.all(self._described[numbers if only is None else only]):
             damage.append("messages of a channel that is nowhere described")
-        return Block(places, (records.length if everything else records.length[which]) - HEAD, head)
+        return Block(places, (records.length if everything else records.length[which]) - HEAD, head, only)
 
     def _learn(self, code: int, content: memoryview, damage: list[str]) -> None:
         """Remember a schema or a channel."""
@@ -195,8 +202,8 @@ class Source:
         numbers = block.head["channel"]
         if not len(numbers):
             return
-        one = bool(np.all(numbers == numbers[0]))
-        counts = {int(numbers[0]): len(numbers)} if one else dict(enumerate(np.bincount(numbers).tolist()))
+        counts = dict(enumerate(np.bincount(numbers).tolist())) if block.only is None \
+            else {block.only: len(numbers)}
         for number, count in counts.items():
             topic = self._channels.get(number)
             if topic is None or not count:
@@ -204,9 +211,8 @@ class Source:
             topic.count += count
             if len(topic.samples) < SAMPLES:
                 mine = np.flatnonzero(numbers == number)
-                _, first = np.unique(block.lengths[mine], return_index=True)
-                topic.samples += [block.content(index)
-                                  for index in mine[np.sort(first)][:SAMPLES - len(topic.samples)]]
+                topic.samples += [block.content(index) for index in
+                                  mine[_firsts(block.lengths[mine])][:SAMPLES - len(topic.samples)]]
 
     def _note_end(self) -> None:
         """Whether the file ends as it should."""
@@ -228,6 +234,13 @@ def _ahead(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
+
+
+def _firsts(lengths: np.ndarray) -> np.ndarray:
+    """Where each length occurs first, in order; nearly always there is one length, which needs no sorting."""
+    if lengths[0] == lengths[-1] and np.all(lengths == lengths[0]):
+        return np.zeros(1, np.int64)
+    return np.sort(np.unique(lengths, return_index=True)[1])
 
 
 def _among(numbers: np.ndarray, wanted: list[int]) -> np.ndarray:

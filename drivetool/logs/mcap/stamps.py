@@ -48,5 +48,12 @@ def clocks(ticks: Sequence[np.ndarray]) -> tuple[list[np.ndarray], float]:
     since 1970 to 0.2 us only.
     """
     first = min((int(each[0]) for each in ticks if each.dtype.kind == "i"), default=0)
-    return [(each - first) / 10**9 if each.dtype.kind == "i" else each - first / 10**9
+    return [_seconds(each, first) if each.dtype.kind == "i" else each - first / 10**9
             for each in ticks], first / 10**9
+
+
+def _seconds(ticks: np.ndarray, first: int) -> np.ndarray:
+    """(n,) seconds since `first` from (n,) nanoseconds; the difference is exact, and no other array is made."""
+    seconds = np.empty(len(ticks))
+    np.subtract(ticks, first, out=seconds, casting="unsafe")
+    return np.divide(seconds, 10**9, out=seconds)

@@ -91,6 +91,8 @@ def open_topic(topic: Topic) -> Fields:
         noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
         return noted or (_ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None)
 
+    if not trees:
+        raise Broken("messages that are not what their schema says")
     return Fields(topic.name, _listed(trees), tuple(trees), unit, lambda paths: Columns(walk, list(paths)))
 
 
@@ -103,6 +105,9 @@ def _json(topic: Topic) -> Fields:
     listed = list(_listed(trees))
     if schema:
         listed = list(dict.fromkeys([*listed, *json_text.declared(schema)]))
+
+    if not trees and not listed:
+        raise Broken("messages that are no JSON objects")
 
     def unit(path: Path) -> str | None:
         noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
