@@ -26,6 +26,7 @@ from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
 from drivetool.check.samples import fitted_samples, samples_of, with_beginnings
 from drivetool.check.shaft import shaft_fault
+from drivetool.check.spikes import expected_peaks, put_back, without_outliers
 from drivetool.check.story import results_of, tell
 from drivetool.check.structure import carried
 from drivetool.drive.chain import Drive
@@ -64,15 +65,18 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
-    mended, faults = preflight((*experiments, *holdout), wanted)
+    logged = (*experiments, *holdout)
+    mended, faults = preflight(logged, wanted)
     notes: list[Finding] = []
     try:
         mended, drive, more = shaft_fault(mended, drive, free, wanted)
         faults += more
     except (np.linalg.LinAlgError, DriveToolError):
         notes.append(UNCHECKED)
+    if any(f.code == "outliers" for f in faults):
+        mended, faults = doubted_outliers(mended, logged, drive, free, faults)
     train, test = mended[:len(experiments)], mended[len(experiments):]
-    task = Task(drive, tuple(n for n in drive.quantities if n in free), roles_of(mended, drive), train + test)
+    task = task_of(mended, drive, free)
     traces = task.problem().traces
     if sum(t.step * t.size for t in traces) < SHORTEST:
         raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
@@ -84,15 +88,32 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     return tell(search.run(), drive, options)
 
 
+def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment], drive: Drive, free: Sequence[str],
+                     faults: Sequence[Fault]) -> tuple[tuple[Experiment, ...], list[Fault]]:
+    """Records and faults with those outliers only that surprise a base which has not seen them."""
+    whole = put_back(mended, logged)
+    spared = expected_peaks(base_model(task_of(mended, drive, free)), whole, mended)
+    found = [without_outliers(e, places) for e, places in zip(whole, spared, strict=True)]
+    outliers = [Fault("outliers", f) for _, findings in found for f in findings]
+    return tuple(e for e, _ in found), [*outliers, *(f for f in faults if f.code != "outliers")]
+
+
 def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
     """The causes that are left: where the angle is logged too, it tells at once whether the speed is filtered."""
     compared = all({"motor_speed", "motor_angle"} <= set(e.signals) for e in experiments)
     return [c for c in wanted if not (c == "speed-filter" and compared)]
 
 
-def base_model(task: Task, masks: Masks) -> Model:
+def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str]) -> Task:
+    """The drive over the records, what was free in the base free again."""
+    return Task(drive, tuple(n for n in drive.quantities if n in free), roles_of(experiments, drive),
+                tuple(experiments))
+
+
+def base_model(task: Task, masks: Masks | None = None) -> Model:
     """The base refitted until it moves no more: one that has not converged makes every cause a discovery."""
     problem = task.problem()
+    masks = everything(problem) if masks is None else masks
     point = first_point(task.drive, problem, task.roles)
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
     return fit("base", task, problem, point, noise, masks, rounds=10)

@@ -11,16 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.check.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
 
-WINDOW = 5  # samples of the running median
-SPIKE = 8.0  # robust standard deviations that no noise reaches
-RARE = 0.02  # share of samples beyond which spikes are not outliers any more
 COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
 SCALE = 0.01  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope
-OUTPUTS = ("motor_speed", "load_speed", "motor_angle", "load_angle", "shaft_torque")
 
 
 @dataclass(frozen=True)
@@ -40,8 +37,8 @@ def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
     mended, faults = [], []
     for e in experiments:
         if "outliers" in wanted:
-            e, found = _outliers(e)
-            faults += found
+            e, found = without_outliers(e)
+            faults += [Fault("outliers", f) for f in found]
         if "quantisation" in wanted:
             faults += _quantisation(e)
         faults += _filtered(e, wanted)
@@ -49,55 +46,6 @@ def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
         faults += found
         mended.append(e)
     return tuple(mended), faults
-
-
-def _outliers(e: Experiment) -> tuple[Experiment, list[Fault]]:
-    signals, faults = dict(e.signals), []
-    for role in OUTPUTS:
-        if role not in signals:
-            continue
-        at, size, sigma = spikes(signals[role])
-        if not len(at) or len(at) > RARE * e.size:
-            continue
-        values = signals[role].copy()
-        values[at] = np.nan
-        signals[role] = values
-        faults.append(Fault("outliers", Finding(
-            "warning", "outliers",
-            f"{e.name}: {len(at)} single samples of the {role.replace('_', ' ')} lie far from their neighbours; "
-            "they are left out.",
-            {"count": len(at), "largest": float(size.max()), "first_time": float(at[0] * e.step),
-             "noise_std": float(sigma)},
-            "Check the sensor's cable and connector.")))
-    return replace(e, signals=signals), faults
-
-
-def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """(indices, sizes, robust std) of single samples that stand out from a running median.
-
-    What the signal itself does within a window is not a spike: the difference to the median of the
-    neighbours is held against its usual size around there.
-    """
-    from scipy.ndimage import median_filter
-
-    good = np.isfinite(y)
-    if good.sum() < 10 * WINDOW:
-        return np.zeros(0, int), np.zeros(0), 1.0
-    filled = np.interp(np.arange(len(y)), np.flatnonzero(good), y[good])
-    d = np.abs(filled - median_filter(filled, WINDOW, mode="nearest"))
-    sigma = 1.4826 * float(np.median(d))
-    usual = 1.4826 * median_filter(d, 51, mode="nearest")
-    d2 = np.abs(np.diff(filled, 2, prepend=filled[0], append=filled[-1]))
-    smooth = 1.4826 * float(np.median(d2))
-    if max(sigma, smooth) <= 0.0:
-        return np.zeros(0, int), np.zeros(0), 1.0
-    # A spike is one sample against both neighbours: a step of the motion is not.
-    left, right = filled - np.roll(filled, 1), filled - np.roll(filled, -1)
-    lone = (left * right > 0.0) & (np.minimum(np.abs(left), np.abs(right)) > 0.6 * d)
-    limit = SPIKE * np.maximum(np.maximum(usual, sigma), smooth / 2.0)
-    at = np.flatnonzero((d > limit) & lone & good)
-    at = at[(at > 0) & (at < len(y) - 1)]
-    return at, d[at], max(sigma, smooth / 2.0)
 
 
 def _quantisation(e: Experiment) -> list[Fault]:
