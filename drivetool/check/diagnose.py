@@ -20,7 +20,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, score
-from drivetool.check.hypothesis import TRIFLE, Tried, attempt, polished
+from drivetool.check.hypothesis import TRIFLE, Tried, attempt, polished, sizeable
 from drivetool.check.model import Masks, Model, everything, fit, judge, spread
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
@@ -171,7 +171,8 @@ class Search:
             likely = self._likely(tried)
             ends = dict(zip((t.candidate.code for t in likely), pool.map(lambda t: polished(t, self.masks), likely),
                             strict=True))
-        return [ends.get(t.candidate.code, t) for t in tried]
+            sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
+        return [sized.get(t.candidate.code, t) for t in tried]
 
     def _likely(self, tried: Sequence[Tried]) -> list[Tried]:
         """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first."""
@@ -214,7 +215,7 @@ class Search:
 
     def _judge(self, tried: Sequence[Tried]) -> list[Score]:
         """Held-out scores of the likeliest causes."""
-        likely = self._likely(tried)
+        likely = [t for t in self._likely(tried) if t.absent is None]
 
         def one(t: Tried) -> Score | None:
             try:

@@ -12,15 +12,18 @@ from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit
 from drivetool.check.structure import carried, states_of
 from drivetool.errors import DriveToolError
-from drivetool.identify.least_squares import schur
+from drivetool.identify.estimate import Parameter
+from drivetool.identify.least_squares import Solution, schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Normal, Point, Problem
+from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import problem_of
 
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
 KEPT = 2  # ends of a first round that may be fitted to the end
 AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
+TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.1  # samples: a lag that is shorter leaves no trace
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
 
@@ -107,6 +110,28 @@ def polished(tried: Tried, masks: Masks) -> Tried:
     if not ends:
         return replace(tried, models=(), reason=f"its fit failed: {reason}", absent="failed")
     return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
+
+
+def sizeable(tried: Tried, base: Model) -> Tried:
+    """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit."""
+    if not tried.smallest or tried.model is None:
+        return tried
+    try:
+        found = {p.name: abs(p.value / p.std) for p in values_of(tried.model, base) if p.std}
+    except BROKEN:
+        return tried
+    sizes = [found[n] for n in tried.smallest if n in found]
+    if not sizes or max(sizes) > TOLD:
+        return tried
+    return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
+
+
+def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:
+    """What the cause adds to the base, with intervals where there are any."""
+    normal = normal_under(model.problem, model.point, model.noise)
+    lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
+                                model.fitted.drive)
+    return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)
 
 
 def _again(base: Model, model: Model) -> Start:

@@ -13,7 +13,7 @@ from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosi
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, own_evidence
-from drivetool.check.hypothesis import TRIFLE, Tried
+from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.drive.chain import Drive
@@ -21,12 +21,10 @@ from drivetool.drive.effects import EFFECTS
 from drivetool.errors import DriveToolError
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
-from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.least_squares import Solution
-from drivetool.identify.noise import filtered, minus_log_likelihood, normal_under
+from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.results import parameters_of
 
 if TYPE_CHECKING:
     from drivetool.check.diagnose import Search
@@ -47,7 +45,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
         sizes = {n: VISIBLE * v for n, v in t.smallest.items() if np.isfinite(v)}
-        if t.model is None:
+        if t.absent is not None:
             lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
         elif s is None:
             state, reason = _unjudged(t, base.value - t.model.value, most)
@@ -73,14 +71,6 @@ def _state(s: Score, decision: Decision) -> State:
     if s.model.code in decision.between:
         return "named" if len(decision.between) == 1 else "possible"
     return "worse" if s.gain > 0.0 else "no-gain"
-
-
-def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:
-    """What the cause adds to the base, with intervals where there are any."""
-    normal = normal_under(model.problem, model.point, model.noise)
-    lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
-                                model.fitted.drive)
-    return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)
 
 
 def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
