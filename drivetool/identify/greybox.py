@@ -111,7 +111,7 @@ def with_totals(drive: Drive, free: Sequence[str]) -> Drive:
     for total, suffix in TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         if total not in drive.values and not any(p in free for p in parts):
-            drive = drive.with_values({total: sum(drive.value(p) or 0.0 for p in parts)})
+            drive = drive.with_values({total: drive.felt(suffix)})
     return drive
 
 
@@ -138,10 +138,7 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
         drive = outcome.drive
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         whole = drive.values[total]
-        share = _shares(drive, suffix)
-        values = {p: whole * s for p, s in zip(parts, share, strict=True)}
-        low = {p: drive.quantity(p).bounds[0] for p in parts}
-        values = {p: max(v, low[p]) for p, v in values.items()}
+        values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in drive.parts(total, whole).items()}
         free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *parts} - {total})
         task = replace(outcome.task, drive=drive.with_values(values), free=free)
         if _tells_apart(task, outcome, parts, whole):
@@ -150,13 +147,6 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
             if _better(trial, outcome):
                 outcome = trial
     return outcome
-
-
-def _shares(drive: Drive, suffix: str) -> list[float]:
-    if suffix != "viscous":
-        return [0.0] * (len(drive.bodies) - 1) + [1.0]
-    inertias = [drive.values[f"{b}.inertia"] for b in drive.bodies]
-    return [j / sum(inertias) for j in inertias]
 
 
 def _tells_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
