@@ -29,6 +29,7 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.noise import normal_under
 from drivetool.identify.options import Options
+from drivetool.identify.outliers import without_outliers
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_point, roles_of
@@ -59,9 +60,10 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
-    outcome = fit_task(task, options, [{}])
+    outcome, left = without_outliers(fit_task(task, options, [{}]))
     outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
+    findings = [*left, *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
