@@ -40,8 +40,14 @@ def experiment(torque, motion, role="motor_speed", **signals):
 
 def truth_of(machine):
     names = (*SHAFT, "total.viscous", "total.idle_torque")
-    return dict(zip(names, (*machine.inertia, *machine.stiffness, *machine.damping, sum(machine.viscous),
-                            sum(machine.idle_torque)), strict=True))
+    return dict(zip(names, (*machine.inertia, *machine.stiffness, *machine.damping,
+                            *at_motor(machine)), strict=True))
+
+
+def at_motor(machine):
+    """(viscous friction, idle torque) of motor and load together, felt at the motor."""
+    n = machine.ratio[0]
+    return (machine.viscous[0] + machine.viscous[1] / n**2, machine.idle_torque[0] + machine.idle_torque[1] / n)
 
 
 def steps_of(machine, seed, count=5, start=20.0):
@@ -81,7 +87,7 @@ def test_conversion_returns_the_parameters(motor, load, resonance, zeta, decay, 
     felt = load / ratio**2
     reduced = motor * felt / (motor + felt)
     stiffness, damping = reduced * resonance**2, 2.0 * zeta * reduced * resonance
-    viscous = decay * (motor + load)
+    viscous = decay * (motor + felt)
     values = {"b2": 1.0 / motor, "b0": stiffness / (motor * felt), "a2": damping / reduced + decay,
               "b1": damping / (motor * felt) + decay / motor, "a1": stiffness / reduced, "offset": 1.0}
     form = Form(TWO_MASS, ratio=ratio, viscous=viscous)
@@ -102,7 +108,7 @@ def test_the_transfer_function_is_that_of_the_machine(motor, load, decay, ratio)
     total = motor + felt
     values = [1.0 / motor, cs / (motor * felt) + decay / motor, ks / (motor * felt),
               cs * total / (motor * felt) + decay, ks * total / (motor * felt), 0.0]
-    form = Form(TWO_MASS, ratio=ratio, viscous=decay * (motor + load))
+    form = Form(TWO_MASS, ratio=ratio, viscous=decay * total)
     frequency = np.array([0.03, 0.5, 3.0, 20.0])
     wanted = [np.linalg.solve(2j * np.pi * f * np.eye(4) - a, b[:, 0])[0] for f in frequency]
     np.testing.assert_allclose(form.response(values, frequency), wanted, rtol=1e-9)
@@ -351,4 +357,4 @@ def test_noise_alone_is_never_a_machine(seed, size):
 def test_form_takes_the_friction_of_the_parts():
     drive = two_mass().with_values({"motor.viscous": 0.1, "load.viscous": 0.4, "shaft.ratio": 2.0})
     form = form_of(drive, ("motor_torque", "load_torque"), False)
-    assert form.viscous == pytest.approx(0.2) and form.at_motor and form.signs == (-1.0,)
+    assert form.viscous == pytest.approx(0.2) and form.signs == (-1.0,)

@@ -225,7 +225,7 @@ def _offset(base: Model) -> list[Start]:
     parts = [f"{b}.idle_torque" for b in drive.bodies]
     if name in base.task.free or any(p in base.task.free for p in parts):
         return []
-    return [added(base, {name: drive.value(name) or 0.0}, (name,))]
+    return [added(base, {name: drive.values.get(name, drive.felt("idle_torque"))}, (name,))]
 
 
 def why_absent(candidate: Candidate, base: Model) -> tuple[State, str]:

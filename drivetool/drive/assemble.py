@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from operator import mul
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import TOTALS, Drive, shares
 from drivetool.drive.dual import Dual
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
@@ -107,11 +109,17 @@ class Assembly:
         name = f"{self.drive.bodies[body]}.{suffix}"
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
-                if suffix == "viscous":
-                    inertias = [self.parameter(f"{b}.inertia") for b in self.drive.bodies]
-                    return self.parameter(total) * inertias[body] / sum(inertias[1:], inertias[0])
-                return self.parameter(total) if body == self.n - 1 else self.number(0.0)
+                return self.parameter(total) * self._share(suffix, body)
         return self.parameter(name)
+
+    def _share(self, suffix: str, body: int) -> Dual:
+        """A body's parameter for a total of one."""
+        masses = []
+        for name in self.drive.bodies:
+            mass, radius = self.parameter(f"{name}.carried_mass"), self.parameter(f"{name}.radius")
+            masses.append(self.parameter(f"{name}.inertia") + mass * radius * radius)
+        ratios = [self.parameter(f"{shaft}.ratio") for shaft in self.drive.shafts]
+        return shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
 
     def of_shaft(self, shaft: int, suffix: str) -> Dual:
         """A shaft's parameter."""

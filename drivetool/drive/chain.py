@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from itertools import accumulate
+from operator import mul
+from typing import Literal, TypeVar
 
+from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, Effect
 from drivetool.errors import BadParameters, nearest
 from drivetool.quantity import Quantity
 
-# Where only the sum over all bodies can be told from a record. The viscous sum is shared in
-# proportion to the inertias (every body then decays alike, Tallfors 2005 sec. 5.4); the idle
-# torque is put on the last body, where a rolling mill has most of it.
+# Where only the sum over all bodies can be told from a record, as it is felt at the motor: behind a
+# gear that turns n times slower a torque counts 1/n and a friction coefficient 1/n^2. The viscous sum
+# is shared in proportion to the inertias (every body then decays alike, Tallfors 2005 sec. 5.4); the
+# idle torque is put on the last body, where a rolling mill has most of it.
 TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
+GEARED = {"viscous": 2, "idle_torque": 1, "coulomb": 1}  # power of n by which a parameter counts less
+Number = TypeVar("Number", float, Dual)
 
 DampingLaw = Literal["inside", "always"]
 
@@ -75,6 +81,25 @@ class Drive:
         """The value, the neutral value, or None if it is not known."""
         return self.values.get(name, self.quantity(name).neutral)
 
+    def turns(self) -> list[float]:
+        """(n,) turns of the motor for one of each body."""
+        ratios = [self.value(f"{shaft}.ratio") for shaft in self.shafts]
+        return list(accumulate([1.0, *ratios], mul))
+
+    def felt(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
+        """Sum of a friction parameter over the bodies as it is felt at the motor; unknown ones count nothing."""
+        turns = dict(zip(self.bodies, self.turns(), strict=True))
+        parts = ((self.value(f"{b}.{suffix}") or 0.0) / turns[b] ** GEARED[suffix]
+                 for b in (self.bodies if bodies is None else bodies))
+        return float(sum(parts))
+
+    def parts(self, total: str, whole: float) -> dict[str, float]:
+        """The bodies' own parameters when a sum is shared out by rule."""
+        masses = [(self.value(f"{b}.inertia") or 0.0)
+                  + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
+        names = [f"{b}.{TOTALS[total]}" for b in self.bodies]
+        return {n: whole * s for n, s in zip(names, shares(TOTALS[total], masses, self.turns()), strict=True)}
+
     def with_values(self, values: Mapping[str, float]) -> Drive:
         """The drive with some values replaced; a total and its parts displace each other."""
         merged = dict(self.values)
@@ -108,6 +133,19 @@ class Drive:
                 f"values of {', '.join(lacking)} for {why}",
                 f"only {', '.join(self.values)}" if self.values else "none",
                 "Run the step before this one and pass its file with --params, or use --set.")
+
+
+def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> list[Number]:
+    """(n,) each body's own parameter for a sum of one, felt at the motor; see TOTALS.
+
+    masses  (n,) what the bodies' torques accelerate
+    turns   (n,) of the motor for one of each body
+    """
+    if suffix != "viscous":
+        return [0.0 * turns[0]] * (len(turns) - 1) + [1.0 * turns[-1]]
+    felt = [mass / n / n for mass, n in zip(masses, turns, strict=True)]
+    whole = sum(felt[1:], felt[0])
+    return [mass / whole for mass in masses]
 
 
 def one_body(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from drivetool.identify.estimate import Exhibit
 
     Curve = tuple[np.ndarray, np.ndarray]
+
+WIDEST = 74  # characters of a title in one line
+HOLE = 1.6  # usual distances of lines from which on some were left out
 
 
 def figure(exhibit: Exhibit) -> Figure:
@@ -135,11 +139,13 @@ def _starts(exhibit: Exhibit) -> Figure:
 def _bode(exhibit: Exhibit) -> Figure:
     """Magnitude over frequency, both logarithmic."""
     drawn, axis = _one(exhibit)
-    for label, (x, y) in exhibit.curves.items():
+    several = len(exhibit.curves) > 1 and not any(_look(label)["color"] != ORANGE for label in exhibit.curves)
+    for (label, (x, y)), colour in zip(exhibit.curves.items(), CYCLE * 9, strict=False):
         x, y = np.asarray(x, float), np.asarray(y, float)
         good = (x > 0) & (y > 0)
-        axis.plot(x[good], y[good], label=label, **_look(label))
-    axis.set_xscale("log")
+        look = {"color": colour, "linewidth": 1.1} if several else _look(label)
+        axis.plot(x[good], y[good], label=label, **look)
+    _logarithmic(axis)
     axis.set_yscale("log")
     axis.grid(True, which="minor", linewidth=0.4)
     _legend(axis)
@@ -154,26 +160,53 @@ def _response(exhibit: Exhibit) -> Figure:
     below = [(word, group) for word, group in below if group]
     drawn, axes = _stack(1 + len(below), [3.0] + [1.3] * len(below))
     top = axes[0]
-    top.set_title(exhibit.title)
+    top.set_title("\n".join(wrap(exhibit.title, WIDEST)))
     top.set_ylabel(exhibit.y)
     low, high = curves.pop("band low", None), curves.pop("band high", None)
     if low is not None and high is not None:
-        top.fill_between(low[0], low[1], high[1], color=BLUE, alpha=0.25, linewidth=0, label="95 %")
+        (x, bottom), (_, ceiling) = _parted(*low), _parted(*high)
+        top.fill_between(x, bottom, ceiling, color=BLUE, alpha=0.25, linewidth=0, label="95 %")
     for label, (x, y) in curves.items():
         lines = label.startswith("measured")
+        x, y = (x, y) if lines else _parted(x, y)
         look = _look("model" if label == "magnitude" else label)
         top.plot(x, y, label=label, **(look | {"linestyle": "", "marker": ".", "markersize": 3} if lines else look))
-    top.set_xscale("log")
+    _logarithmic(top)
     top.set_yscale("log")
+    measured = len(below) > 1 or any(label.startswith("measured") for label in curves)
     for axis, (word, group) in zip(axes[1:], below, strict=True):
         for label, (x, y) in group.items():
-            axis.plot(x, y, ".", markersize=2.5, color=INK if "model" not in label else BLUE, label=label)
+            look = {"linestyle": "", "marker": ".", "markersize": 2.5} if measured else {"linewidth": 1.1}
+            axis.plot(x, y, color=INK if "model" not in label and measured else BLUE, label=label, **look)
         axis.set_ylabel("phase [deg]" if word == "phase" else word)
         if word == "coherence":
             axis.set_ylim(-0.02, 1.02)
     axes[-1].set_xlabel(exhibit.x)
     _legend(top)
     return drawn
+
+
+def _parted(x: np.ndarray, y: np.ndarray) -> Curve:
+    """A curve with a hole wherever lines were left out: nothing is known in between."""
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    # Lines are evenly spaced, a model's curve evenly on the logarithmic axis: either is no hole.
+    steps = [np.diff(x), np.diff(np.log(np.maximum(x, 1e-300)))]
+    if len(x) < 3:
+        return x, y
+    holes = np.flatnonzero(np.all([s > HOLE * np.median(s) for s in steps], axis=0)) + 1
+    return np.insert(x, holes, np.nan), np.insert(y, holes, np.nan)
+
+
+def _logarithmic(axis: Axes) -> None:
+    """A logarithmic frequency axis with numbers that people read: 2, 30, not powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_xscale("log")
+    low, high = axis.get_xlim()
+    wide = high > 30.0 * low
+    axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if wide else (1.0, 2.0, 3.0, 4.0, 5.0, 7.0)))
+    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _lines(exhibit: Exhibit) -> Figure:

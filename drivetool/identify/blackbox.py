@@ -110,7 +110,7 @@ def _form(task: Task, options: Options) -> Form:
     names = ["total.viscous", *(f"{b}.viscous" for b in drive.bodies)]
     freed = any(n in options.free for n in (*names, ALL))
     if freed or not any(n in drive.values or n in options.hold for n in names):
-        return replace(form, names=(*form.names, VISCOUS), at_motor=False)
+        return replace(form, names=(*form.names, VISCOUS))
     return form
 
 

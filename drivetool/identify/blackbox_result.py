@@ -157,14 +157,12 @@ def _resistance(physical: Physical, outcome: Outcome, c: Mapping[str, Dual],
     std = sure.std(c["offset"])
     if std is None or std > largest or abs(c["offset"].v) > IMPLAUSIBLE * largest:
         return {}
-    ratio = physical.form.ratio
-    return {"offset": ratio * (c["offset"] - _coulomb(physical.drive, outcome, ratio)), VISCOUS: c[VISCOUS]}
+    return {"offset": c["offset"] - _coulomb(physical.drive, outcome), VISCOUS: c[VISCOUS]}
 
 
-def _coulomb(drive: Drive, outcome: Outcome, ratio: float) -> float:
+def _coulomb(drive: Drive, outcome: Outcome) -> float:
     """Known Coulomb friction felt at the motor, which the offset of a one-way record contains."""
-    levels = [drive.value(f"{b}.coulomb") or 0.0 for b in drive.bodies]
-    felt = sum(level / r for level, r in zip(levels, (1.0, ratio), strict=False))
+    felt = drive.felt("coulomb")
     if not felt or any(reverses(e) for e in outcome.task.experiments):
         return 0.0
     t = max(outcome.problem.traces, key=lambda t: t.size)

@@ -151,16 +151,15 @@ def _from_sharing(outcome: Outcome) -> np.ndarray | None:
         return None
     whole = abs(float(outcome.drive.values[total]))
     first, last = (f"{task.drive.bodies[i]}.viscous" for i in (0, -1))
-    inertias = [outcome.drive.values[f"{b}.inertia"] for b in task.drive.bodies]
-    parts = {f"{b}.viscous": whole * j / sum(inertias) for b, j in zip(task.drive.bodies, inertias, strict=True)}
-    drive = outcome.drive.with_values(parts)
+    turns = task.drive.turns()[-1]
+    drive = outcome.drive.with_values(outcome.drive.parts(total, whole))
     names = tuple(first if n == total else n for n in task.free)
     problem = problem_of(drive, (*names, last), task.roles, outcome.problem.traces)
     point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
     matrix, _, _ = schur(normal_under(problem, point, outcome.fit.noise))
     shift = -np.linalg.pinv(matrix[:-1, :-1], hermitian=True) @ matrix[:-1, -1]
-    shift[names.index(first)] += 1.0  # the sum is the motor's part plus the load's
-    return np.outer(shift, shift) * whole**2 / 12.0
+    shift[names.index(first)] += 1.0 / turns**2  # the sum is the motor's part plus what is felt of the load's
+    return np.outer(shift, shift) * (turns**2 * whole) ** 2 / 12.0
 
 
 def one_step_percent(outcome: Outcome, y: np.ndarray) -> float | None:

@@ -226,15 +226,14 @@ def _friction_in_parts(drive: Drive, names: tuple[str, ...], output: str, step: 
                        options: Options) -> tuple[Drive, tuple[str, ...]]:
     """The drive with its friction sum replaced by the parts, where they explain the lines clearly better.
 
-    A sum shared out by inertia is a guess, and a bad one across a gear.
+    A sum shared out by inertia is a guess.
     """
     if TOTAL not in names or TOTAL in options.free:
         return drive, names
     _, solution = fit_lines(drive, names, output, step, r, "variance")
     found = dict(zip(names, map(float, solution.point.values), strict=True))
-    inertias = {b: found.get(f"{b}.inertia", drive.values[f"{b}.inertia"]) for b in drive.bodies}
-    parts = {f"{b}.viscous": found[TOTAL] * j / sum(inertias.values()) for b, j in inertias.items()}
     apart = replace(drive, values={n: found.get(n, v) for n, v in drive.values.items() if n != TOTAL})
+    parts = apart.parts(TOTAL, found[TOTAL])
     apart = apart.with_values(parts)
     more = tuple(n for n in drive.quantities if n in {*names, *parts} - {TOTAL})
     problem, other = fit_lines(apart, more, output, step, r, "variance")

@@ -29,6 +29,7 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.noise import normal_under
 from drivetool.identify.options import Options
+from drivetool.identify.outliers import without_outliers
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_point, roles_of
@@ -59,9 +60,10 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
-    outcome = fit_task(task, options, [{}])
+    outcome, left = without_outliers(fit_task(task, options, [{}]))
     outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
+    findings = [*left, *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
@@ -111,7 +113,7 @@ def with_totals(drive: Drive, free: Sequence[str]) -> Drive:
     for total, suffix in TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         if total not in drive.values and not any(p in free for p in parts):
-            drive = drive.with_values({total: sum(drive.value(p) or 0.0 for p in parts)})
+            drive = drive.with_values({total: drive.felt(suffix)})
     return drive
 
 
@@ -138,10 +140,7 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
         drive = outcome.drive
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         whole = drive.values[total]
-        share = _shares(drive, suffix)
-        values = {p: whole * s for p, s in zip(parts, share, strict=True)}
-        low = {p: drive.quantity(p).bounds[0] for p in parts}
-        values = {p: max(v, low[p]) for p, v in values.items()}
+        values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in drive.parts(total, whole).items()}
         free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *parts} - {total})
         task = replace(outcome.task, drive=drive.with_values(values), free=free)
         if _tells_apart(task, outcome, parts, whole):
@@ -150,13 +149,6 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
             if _better(trial, outcome):
                 outcome = trial
     return outcome
-
-
-def _shares(drive: Drive, suffix: str) -> list[float]:
-    if suffix != "viscous":
-        return [0.0] * (len(drive.bodies) - 1) + [1.0]
-    inertias = [drive.values[f"{b}.inertia"] for b in drive.bodies]
-    return [j / sum(inertias) for j in inertias]
 
 
 def _tells_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:

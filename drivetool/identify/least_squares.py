@@ -14,6 +14,8 @@ import numpy as np
 from drivetool.drive.simulate import Gains
 from drivetool.identify.problem import Normal, Point, Problem
 
+LEAST = 1e-14  # share of the cost below which a promised decrease is rounding
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -32,13 +34,14 @@ class Solution:
 
 def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, *,
           most: int = 60, relative: float = 1e-8, damping: float = 1e-3,
-          hold: np.ndarray | None = None) -> Solution:
+          hold: np.ndarray | None = None, enough: float = 0.0) -> Solution:
     """Minimise the weighted squared residuals from a point.
 
     problem   k parameters, traces with m free start states each
     gains     frozen observers, one per trace, for one-step errors; None: simulation errors
     most      iterations; relative: decrease of the cost at which the fit has converged
     hold      (k,) parameters that do not move
+    enough    cost from which on there is nothing left to gain
     returns   Solution
     """
     normal = problem.normal(point, gains)
@@ -46,7 +49,7 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
         accepted, cost, damping = _accepted(problem, point, normal, gains, damping, hold)
         if accepted is None:
             return Solution(point, normal, iteration, True)
-        done = normal.cost - cost < relative * normal.cost
+        done = normal.cost - cost < relative * normal.cost or cost < enough
         point, damping = accepted, max(damping / 8.0, 1e-12)
         normal = problem.normal(point, gains)
         if done:
@@ -75,6 +78,9 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
     """(a better point, its cost, damping that it took); no point if none is better."""
     while damping < 1e12:
         step, own = _step(problem, point, normal, damping, hold)
+        # A step clipped at a bound may point uphill (below zero); more damping turns it.
+        if 0.0 <= _promised(normal, step, own) < LEAST * normal.cost:
+            break
         trial = problem.moved(point, step, own)
         if not _too_far(problem, point, trial):
             cost = problem.cost(trial, gains)
@@ -82,6 +88,11 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
                 return trial, cost, damping
         damping *= 4.0
     return None, normal.cost, damping
+
+
+def _promised(normal: Normal, step: np.ndarray, own: Sequence[np.ndarray]) -> float:
+    """By how much a step would lower the cost if the problem were linear, at most."""
+    return float(-2.0 * (normal.slope @ step + sum(a @ b for a, b in zip(normal.own_slope, own, strict=True))))
 
 
 def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:

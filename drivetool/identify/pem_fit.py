@@ -12,10 +12,13 @@ from scipy.signal import lfilter
 from drivetool.errors import NotEnoughData
 from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.pem_model import Prediction, Stretch, Structure, _shifts
+from drivetool.identify.pem_restricted import restricted_shift
 from drivetool.identify.problem import Point
 
 MOST = 100  # steps of a descent
-ROUNDS = 8  # of the instrumental-variable start
+ROUNDS = 8  # of the instrumental-variable start, at most
+SAME = 1e-4  # relative change of its cost at which it has arrived
+TURNS = 2  # of the restricted likelihood: its slope is taken where the last turn ended
 RATES = (0.02, 0.1, 0.5)  # where the start looks for the dynamics, over the sampling rate
 SPARE = 20  # samples beyond the unknowns
 
@@ -72,7 +75,22 @@ def fit_structure(stretches: Sequence[Stretch], structure: Structure) -> PemFit:
     problem, solution = min(oe, key=lambda found: found[1].cost)
     if structure.kind != "oe":
         problem, solution = _with_noise(problem, solution, structure)
-    return _judged(problem, solution)
+    return _restricted(_judged(problem, solution))
+
+
+def _restricted(fit: PemFit) -> PemFit:
+    """The fit with its noise by restricted likelihood, and all other coefficients along with it."""
+    likeliest, problem = fit.values, fit.problem
+    held = replace(problem, held=np.ones(len(problem.names), bool))
+    for _ in range(TURNS if problem.structure.noise_parameters else 0):
+        with np.errstate(all="ignore"):
+            shift = restricted_shift(problem, fit.solution.point, fit.covariance)
+        point = Point(likeliest + shift, fit.solution.point.starts)
+        if not np.any(shift) or not np.isfinite(problem.cost(point)):
+            break
+        point = solve(held, point, most=5, damping=1e-9).point
+        fit = _judged(problem, replace(fit.solution, point=point, normal=problem.normal(point)))
+    return fit
 
 
 def _descended(stretches: tuple[Stretch, ...], structure: Structure, values: np.ndarray,
@@ -172,8 +190,11 @@ def _instrumental(stretches: Sequence[Stretch], structure: Structure, rate: floa
             values, cost = _instrumental_round(stretches, s, values, f, b, turn)
         except (np.linalg.LinAlgError, FloatingPointError):
             break
+        arrived = turn > 1 and abs(cost - best[0]) < SAME * best[0]
         if cost < 0.999999 * best[0]:
             best = (cost, rate, values)
+        if arrived:
+            break
     return best
 
 

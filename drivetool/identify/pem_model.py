@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -71,17 +71,7 @@ class Structure:
 
     def basis(self, letter: str) -> tuple[np.ndarray, np.ndarray]:
         """(base (k+1,), T (k+1, k)) with powers of 1/q from zero up: polynomial = base + T values."""
-        k = self.size(letter)
-        slow = letter in "ABF" or self.kind == "innovations"
-        base, table = np.zeros(k + 1), np.zeros((k + 1, k))
-        for j in range(1, k + 1):
-            if slow:
-                table[:, j - 1] = self.rate**j * _shifted_differences(j, k)
-            else:
-                table[j, j - 1] = 1.0
-        if letter != "B":
-            base = _shifted_differences(0, k) if slow else np.eye(1, k + 1)[0]
-        return base, table
+        return _basis(self.size(letter), letter in "ABF" or self.kind == "innovations", letter != "B", self.rate)
 
     def polynomial(self, letter: str, values: np.ndarray) -> np.ndarray:
         """Coefficients over 1/q; a polynomial the structure lacks is one."""
@@ -94,6 +84,20 @@ class Structure:
     def dynamics(self) -> str:
         """The polynomial that has the poles."""
         return "F" if self.kind in ("oe", "bj") else "A"
+
+
+@lru_cache(maxsize=256)
+def _basis(k: int, slow: bool, led: bool, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """(base (k+1,), T (k+1, k)); slow: over powers of (q - 1)/rate, led: with a leading one."""
+    table = np.eye(k + 1, k, -1)
+    for j in range(1, k + 1 if slow else 1):
+        table[:, j - 1] = rate**j * _shifted_differences(j, k)
+    base = np.zeros(k + 1)
+    if led:
+        base = _shifted_differences(0, k) if slow else np.eye(1, k + 1)[0]
+    base.setflags(write=False)
+    table.setflags(write=False)
+    return base, table
 
 
 def _shifted_differences(shift: int, degree: int) -> np.ndarray:

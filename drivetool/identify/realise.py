@@ -24,6 +24,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import Z95
 
 POINTS = 60
+ALIKE = 1e-9  # rms of it at which the search may end
 EQUAL = 1e-4  # rms of the relative difference up to which two responses count as the same
 Found = dict[str, tuple[float, float | None]]
 
@@ -82,7 +83,7 @@ def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, C
     names = tuple(name for name in drive.quantities if name in start)
     problem = _same_response(drive.with_values(start), names, f, differenced)
     loose = Point(np.array([start[name] for name in names]), ())
-    solution = solve(problem, loose, most=200, relative=1e-14)
+    solution = solve(problem, loose, most=200, relative=1e-14, enough=POINTS * ALIKE**2)
     r, j = problem.residual(solution.point.values)
     if s.order != 2 * n - 1 or np.sqrt(np.mean(np.abs(r) ** 2)) > EQUAL:
         return {name: (value, None) for name, value in start.items()}, None, ""

@@ -78,19 +78,24 @@ def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> lis
 def _task(torque: str, speed: str, body: str | None, drive: Drive, options: Options) -> Task:
     """Names, held and start values of one line; body None: of all bodies together."""
     names, held, start, carried = {}, {}, {}, {}
+    bodies = drive.bodies if body is None else (body,)
     for key in KEYS:
         total = f"total.{key}"
-        parts = [f"{b}.{key}" for b in (drive.bodies if body is None else (body,))]
+        parts = [f"{b}.{key}" for b in bodies]
         loose = [part for part in parts if part not in options.hold]
-        known = [drive.values[part] for part in parts if part in drive.values]
+        known = any(part in drive.values for part in parts)
         value = drive.values.get(total) if body is None and total in drive.values else \
-            sum(known) if known else None
+            drive.felt(key, bodies) if known else None
         if (body is None and total in options.hold) or not loose:
             names[key], held[key] = None, value or 0.0
             continue
-        carried[key] = sum(drive.value(part) for part in parts if part in options.hold)
+        carried[key] = drive.felt(key, [b for b in bodies if f"{b}.{key}" in options.hold])
         if key == "coulomb" or len(loose) == 1:
             names[key] = loose[0]
+            owner = loose[0].rpartition(".")[0]
+            if drive.turns()[drive.bodies.index(owner)] != 1.0:
+                raise BadOption(f"the {drive.bodies[0]}'s own part free behind a gear", f"only {loose[0]} free",
+                                f"The line is felt at the motor; hold total.{key}, or none of its parts.")
         elif len(loose) == len(parts):
             names[key] = total
         else:

@@ -8,17 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.errors import Finding
+from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.feedback import feedback_of
+from drivetool.identify.frf import Welch, welch_response
 from drivetool.identify.pem_figures import Figures
+from drivetool.identify.spectra_findings import POOR
 
 if TYPE_CHECKING:
     from drivetool.identify.structures import Data
 
+FRAMES = 16  # of half overlap, into which the longest stretch is cut to see whether there is any coherence
 
-def findings_of(figures: Figures, data: Data, why: str) -> tuple[Finding, ...]:
-    """In the order of their weight; why: the reason for no conversion, or empty."""
-    return (*_unstable(figures), *_noise(figures, data), *_order(figures), *_conversion(why))
+
+def findings_of(figures: Figures, data: Data, why: str, explained: float | None) -> tuple[Finding, ...]:
+    """In the order of their weight; why: the reason for no conversion, or empty; explained: simulated fit [%]."""
+    return (*_incoherent(data, explained), *_unstable(figures), *_noise(figures, data), *_order(figures),
+            *_conversion(why))
 
 
 def bodies_advice(drive: Drive, kind: str, order: int, table: Sequence[Mapping]) -> list[Finding]:
@@ -41,6 +46,27 @@ def bodies_advice(drive: Drive, kind: str, order: int, table: Sequence[Mapping])
     more = "more" if needed > have else "fewer"
     return [Finding("warning", "number-of-bodies", f"{text} The drive has {have}.", evidence,
                     f"Use a drive with {more} bodies (--drive), or give --order {2 * have - 1} to keep this one.")]
+
+
+def _incoherent(data: Data, explained: float | None) -> list[Finding]:
+    """Nothing in the output follows the torque: a model of it models noise.
+
+    The frames do not see slow motion, which a model that simulates it has seen.
+    """
+    tables = [np.column_stack([s.u, s.y]) for s in data.stretches]
+    size = 2 * max(map(len, tables)) // (FRAMES + 1)
+    if size < 16 or (explained is not None and explained > 100.0 * (1.0 - np.sqrt(1.0 - POOR))):
+        return []
+    try:
+        coherence = welch_response([x for x in tables if len(x) >= size], data.step, Welch(size)).coherence
+    except NotEnoughData:
+        return []
+    if not len(coherence) or np.nanmax(coherence) >= POOR:
+        return []
+    return [Finding(
+        "failure", "incoherent", f"The coherence of torque and {data.role.replace('_', ' ')} is below {POOR} at "
+        "every frequency: the model is one of noise.", {"largest_coherence": float(np.nanmax(coherence))},
+        "Check the channels and their clocks, excite more, or record longer.")]
 
 
 def _unstable(f: Figures) -> list[Finding]:

@@ -192,8 +192,8 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
          "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
         covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table) | own,
-        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why)),
-        tuple((e.name, e.sha256) for e in experiments), {}, _exhibits(figures, data, pairs))
+        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why, simulation)),
+        tuple((e.name, e.sha256) for e in experiments), {}, _exhibits(figures, data, pairs, experiments[0]))
 
 
 def _details(f: Figures, table: list[dict]) -> dict[str, object]:
@@ -212,21 +212,22 @@ def _details(f: Figures, table: list[dict]) -> dict[str, object]:
         **({"orders": table} if table else {})}
 
 
-def _exhibits(f: Figures, data: Data, pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[Exhibit, ...]:
+def _exhibits(f: Figures, data: Data, pairs: Sequence[tuple[np.ndarray, np.ndarray]], e: Experiment,
+              ) -> tuple[Exhibit, ...]:
     """Measured and simulated; the response with its 95 % region."""
     s, found = f.fit.structure, []
     for run, (y, x) in zip(data.stretches, pairs, strict=False):
         time = np.arange(len(y)) * data.step
         found.append(Exhibit("record", f"{run.name}: {s.kind} of order {s.order}, free run", "time [s]",
-                             data.role.replace("_", " "), {"measured": (time, y), "simulated": (time, x),
-                                                          "residual": (time, y - x)}))
+                             f"motor speed [{e.motion_unit}/s]", {
+                                 "measured": (time, y), "simulated": (time, x), "residual": (time, y - x)}))
     pole = [abs(r.s) for r in f.poles if r.s.imag > 0.0] or [0.1 / data.step]
     low, high = 0.05 * min(pole), min(3.0 * max(pole), 0.9 * np.pi / data.step)
     hz = np.geomspace(low, max(high, 2.0 * low), 400) / (2.0 * np.pi)
     g, std = f.response(hz)
     size = np.abs(g)
     found.append(Exhibit("response", f"{s.kind} of order {s.order} with its 95 % region", "frequency [Hz]",
-        "magnitude", {
+        f"magnitude [{e.motion_unit}/s/{e.torque_unit}]", {
         "magnitude": (hz, size), "band low": (hz, np.maximum(size - Z95 * std, 0.05 * size)),
         "band high": (hz, size + Z95 * std), "phase": (hz, np.degrees(np.angle(g)))}))
     return tuple(found)

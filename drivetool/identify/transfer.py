@@ -33,8 +33,7 @@ class Form:
     signs      of the inputs after the motor torque, all of which act on the last body
     angle      whether the output is the angle, one more integrator
     ratio      of the shaft
-    viscous    known friction [Nm s/rad] where it is not among the names
-    at_motor   it is felt at the motor; otherwise the sum over the bodies, each at its own speed
+    viscous    known friction, felt at the motor [Nm s/rad], where it is not among the names
     bandwidth, damping, dead_time  of the converter
     """
 
@@ -43,7 +42,6 @@ class Form:
     angle: bool = False
     ratio: float = 1.0
     viscous: float = 0.0
-    at_motor: bool = False
     bandwidth: float = np.inf
     damping: float = 0.69
     dead_time: float = 0.0
@@ -72,10 +70,7 @@ class Form:
         """p, at which the motion dies out without torque: friction over inertia [1/s]."""
         if self.order == 1:
             return c[VISCOUS] * c["b"]
-        total = c["a1"]  # times 1/b0: the inertia felt at the motor
-        if self.ratio != 1.0 and not self.at_motor:
-            total = total + (self.ratio**2 - 1.0) * (c["a1"] - c["b0"] / c["b2"])
-        return c[VISCOUS] * c["b0"] / total
+        return c[VISCOUS] * c["b0"] / c["a1"]  # a1/b0 is the inertia felt at the motor
 
     def numerators(self, c: Mapping[str, Dual]) -> tuple[list[Dual], list[Dual]]:
         """Coefficients from s^(order-1) down: of the motor torque, of a torque on the last body."""
@@ -151,14 +146,12 @@ class Form:
 
 def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> Form:
     """The model of a drive of one or two bodies, with the friction the drive knows."""
-    total = drive.values.get("total.viscous")
     ratio = drive.value(f"{drive.shafts[0]}.ratio") if drive.shafts else 1.0
-    parts = [drive.value(f"{body}.viscous") for body in drive.bodies]
-    felt = sum(c / r**2 for c, r in zip(parts, (1.0, ratio), strict=False))
+    viscous = drive.values.get("total.viscous", drive.felt("viscous"))
     return Form(
         names=TWO_MASS if drive.shafts else ONE_BODY,
         signs=tuple(-1.0 if role == "load_torque" else 1.0 for role in inputs[1:]),
-        angle=angle, ratio=ratio, viscous=felt if total is None else total, at_motor=total is None,
+        angle=angle, ratio=ratio, viscous=viscous,
         bandwidth=drive.value("converter.bandwidth"), damping=drive.value("converter.damping"),
         dead_time=drive.value("converter.dead_time"))
 

@@ -100,7 +100,7 @@ def _unit(loop: Loop) -> float:
 def _situation(loop: Loop, settings: Settings, name: str, speed: float, load: float, unit: float) -> Watch:
     """Kick ever softer until a cycle remains; without one, show a kick of middle size."""
     if name == FREE:
-        load -= _viscous(loop) * speed
+        load -= _viscous(loop) * speed / loop.drive.turns()[-1]
     found = []
     for size in KICKS:
         found.append(_kicked(loop, settings, name, speed, load, unit, size))

@@ -1,0 +1,61 @@
+"""A few samples that no noise explains do not decide the values, and are said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.recover import drive_like, linear_record, truth
+from tests.simulator.machine import machine_by_seed
+
+MACHINE = machine_by_seed(1)
+NAMES = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque")
+SLIPS = (1203, 2741, 2742, 4400)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return linear_record(MACHINE, 1)
+
+
+def fitted(record, **options):
+    return greybox([record], drive_like(MACHINE, list(NAMES), 0.1), Options(**options))
+
+
+def slipped(record, size):
+    speed = record.signals["motor_speed"].copy()
+    noise = np.std(np.diff(speed, 2)) / np.sqrt(6.0)
+    speed[list(SLIPS)] += size * noise * np.array([1.0, 1.0, 1.0, -1.0])
+    return replace(record, signals=record.signals | {"motor_speed": speed})
+
+
+def test_slips_of_a_sensor_are_left_out_and_said(record):
+    clean, found = fitted(record), fitted(slipped(record, 60.0))
+    assert "samples-left-out" not in {f.code for f in clean.findings}
+    (left,) = [f for f in found.findings if f.code == "samples-left-out"]
+    assert len(SLIPS) <= left.evidence["count"] <= 4 * len(SLIPS)
+    assert set(left.evidence["instants"]) >= {round(k * record.step, 2) for k in SLIPS}
+    a, b = ({p.name: p for p in e.parameters} for e in (clean, found))
+    for name in NAMES[:4]:
+        assert abs(a[name].value - b[name].value) < 0.3 * a[name].std, name
+        assert b[name].std == pytest.approx(a[name].std, rel=0.1), name
+        assert abs(b[name].value - truth(MACHINE)[name]) < 3.0 * b[name].std, name
+
+
+def test_a_simulation_fit_leaves_nothing_out(record):
+    found = fitted(slipped(record, 60.0), criterion="simulation", segment=0.0)
+    assert "samples-left-out" not in {f.code for f in found.findings}
+
+
+def test_many_far_samples_are_no_outliers(record):
+    """A tenth of the samples far off is another noise, not a slip."""
+    speed = record.signals["motor_speed"].copy()
+    rng = np.random.default_rng(5)
+    at = rng.random(record.size) < 0.05
+    speed[at] += 60.0 * np.std(np.diff(speed, 2)) / np.sqrt(6.0) * rng.standard_normal(at.sum())
+    found = fitted(replace(record, signals=record.signals | {"motor_speed": speed}))
+    assert "samples-left-out" not in {f.code for f in found.findings}
