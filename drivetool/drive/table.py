@@ -8,6 +8,7 @@ the tuple, and compiled code gets the address of a table of their addresses and 
 from __future__ import annotations
 
 import operator
+from functools import cache
 from typing import Annotated, get_type_hints
 
 import numpy as np
@@ -25,14 +26,20 @@ Float1, Float2, Float3, Float4 = (Annotated[np.ndarray, "float64", d] for d in (
 Int1, Int2 = (Annotated[np.ndarray, "int64", d] for d in (1, 2))
 
 
+@cache
+def _fields(kind: type) -> tuple[tuple[str, str, int], ...]:
+    """Per field of a tuple class: name, type of number, dimensions, 0 for a number by itself."""
+    hints = get_type_hints(kind, include_extras=True)
+    return tuple((name, *getattr(hint, "__metadata__", ("int64", 0))) for name, hint in hints.items())
+
+
 class Pointer(types.Type):
     """Numba's type of the address of a table."""
 
     def __init__(self, kind: type):
         self.members, at = {}, 0
-        for name, hint in get_type_hints(kind, include_extras=True).items():
-            scalar, dimensions = getattr(hint, "__metadata__", ("int64", 0))
-            scalar = getattr(types, scalar)
+        for name, number, dimensions in _fields(kind):
+            scalar = getattr(types, number)
             self.members[name] = at, types.Array(scalar, dimensions, "C") if dimensions else scalar
             at += 1 + dimensions
         super().__init__(kind.__name__)
@@ -50,14 +57,12 @@ def packed(values: tuple) -> np.ndarray:
     It is good for as long as the tuple lives.
     """
     words: list[int] = []
-    for name, hint in get_type_hints(type(values), include_extras=True).items():
-        value = getattr(values, name)
-        if not hasattr(hint, "__metadata__"):
+    for value, (name, number, dimensions) in zip(values, _fields(type(values)), strict=True):
+        if dimensions == 0:
             words.append(operator.index(value))
             continue
-        kind, dimensions = hint.__metadata__
-        if value.dtype != kind or value.ndim != dimensions or not value.flags.c_contiguous:
-            raise TypeError(f"{name} is not a contiguous array of {dimensions} dimensions of {kind}")
+        if value.dtype != number or value.ndim != dimensions or not value.flags.c_contiguous:
+            raise TypeError(f"{name} is not a contiguous array of {dimensions} dimensions of {number}")
         words += [value.ctypes.data, *value.shape]
     return np.array(words, np.int64)
 
