@@ -1,6 +1,8 @@
 """The kernel against exact steps of linear chains, and the tools that the other kernel tests share."""
 
 import dataclasses
+import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +153,20 @@ def test_a_total_is_shared_out():
     runs = [plant_of(drive, ["motor_speed"]).outputs(trace, np.zeros(3)) for drive in (
         parts.with_values(shared), parts.with_values({"total.viscous": 3.0, "total.idle_torque": 5.0}))]
     np.testing.assert_allclose(*runs, atol=1e-12)
+
+
+def test_compiled_code_of_old_versions_is_removed(tmp_path):
+    """What was in use within a day stays, and the newest three; so does what is not ours."""
+    for name, days in (("kernel-a", 0.0), ("kernel-b", 0.1), ("kernel-c", 0.2), ("kernel-d", 0.3),
+                       ("kernel-e", 2.0), ("kernel-now", 40.0), ("other", 40.0),
+                       ("old/kernel-a", 2.0), ("old/kernel-b", 3.0),
+                       ("old/kernel-c", 4.0), ("old/kernel-d", 5.0)):
+        (tmp_path / name / "sub").mkdir(parents=True)
+        os.utime(tmp_path / name, (time.time() - 86400.0 * days,) * 2)
+    compiled._prune(tmp_path / "kernel-now")
+    compiled._prune(tmp_path / "old" / "kernel-new")
+    assert {f.name for f in tmp_path.iterdir()} == {*(f"kernel-{k}" for k in "abcd"), "kernel-now", "other", "old"}
+    assert {f.name for f in (tmp_path / "old").iterdir()} == {"kernel-a", "kernel-b", "kernel-c", "kernel-new"}
 
 
 def test_the_compiled_code_is_keyed_by_all_its_sources(monkeypatch):

@@ -16,6 +16,7 @@ LOWER["cli"] = LOWER["files"] | {"files"}
 LOWER["errors"] = LOWER["quantity"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "numba", "drivetool"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control"},
+          "drive": {"llvmlite"},
           "cli": {"typer", "rich"},
           "files": {"yaml", "rich", "matplotlib", "msgspec", "pyarrow"}}
 

@@ -10,9 +10,12 @@ import numpy as np
 
 from drivetool.drive.assemble import Assembly, Law, Layout
 from drivetool.drive.chain import Drive
+from drivetool.drive.compiled import address
 from drivetool.drive.dual import Dual
-from drivetool.drive.laws import NAMES
+from drivetool.drive.laws import NAMES, law_torque
 from drivetool.drive.simulate import Plant
+from drivetool.drive.smooth import law_columns
+from drivetool.drive.smooth_events import law_rough_step, show
 from drivetool.drive.system import PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
@@ -102,8 +105,10 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
     code = np.array([NAMES.index(law.name) for law in assembly.laws], np.int64)
     # Columns as wide as those of a pass with and of one without free parameters ask for.
     ns, more = s.ns, CHAIN * nl
+    shown = bool(s.outputs[:, first:, 0].any())
     return Laws(
-        code, arguments, parameters, gap, half, friction, first, bool(s.outputs[:, first:, 0].any()),
+        code, arguments, parameters, gap, half, friction, first, shown,
         np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, ns)),
         np.zeros((nl, s.nx)), np.zeros((3, s.nx, ns)), np.zeros((s.nx, more)), np.zeros((3, s.nx, more)),
-        np.zeros((2, s.nx, ns)), np.zeros((2, s.nx, more)))
+        np.zeros((2, s.nx, ns)), np.zeros((2, s.nx, more)),
+        address(law_torque), address(law_columns), address(law_rough_step), address(show) if shown else 0)

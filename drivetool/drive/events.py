@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
-from drivetool.drive.kernel import classify, guard_values, predict, propagate
-from drivetool.drive.modes import STIFF, lookup, step_matrix
+from drivetool.drive.compiled import COMPILE, HOT, ONCE, unit
+from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
+from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
-from drivetool.drive.system import ORDER
+from drivetool.drive.system import CACHE, ORDER, SYSTEM
+from drivetool.drive.table import REALS, WHOLE, WHOLES
 
 NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
 MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def series(a, x, u, w):
     """Power series of the state: w (ORDER + 1, nx)."""
     nx = x.size
@@ -51,7 +52,7 @@ def contact_guard(spring, reach, side, sign, w, p):
     p[0] -= sign * side * reach
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def stick_guard(net, u, level, side, w, p):
     """Polynomial level - side * (torque on the sticking body)."""
     nx = w.shape[1]
@@ -66,7 +67,7 @@ def stick_guard(net, u, level, side, w, p):
     p[0] += level - side * v
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def sum_of_sizes(row, x, u):
     """What rounding errors of row [x, u, 1] are in proportion to."""
     v = abs(row[x.size + u.size])
@@ -77,7 +78,7 @@ def sum_of_sizes(row, x, u):
     return v
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     """(time, element, new digit) of the earliest event, element -1 if there is none.
 
@@ -146,7 +147,7 @@ def next_term(a, u, nq, w, n, power, g, v, t):
             t[r, q] += y * g
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def carry(a, u, big, w, v, t, te):
     """Sensitivities across a stretch without event, as a power series."""
     nx, ns = big.shape
@@ -175,7 +176,7 @@ def load_on(net, x, u):
     return v
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def switch(s, hold, net, mode, x, u, big, element, digit):
     """Change the mode at an event and apply the saltation."""
     f = element - s.ng
@@ -210,24 +211,26 @@ def release(s, hold, net, x, u, mode):
     return found
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
     """A stretch in a mode too fast for the record: exact in that mode, which is chosen anew after."""
     to = c.rate.size - 1
     if release(s, c.hold, c.net[k], x, u[i], mode):
         k = lookup(s, c, mode, part)
-    step_matrix(s, c, mode, k, to, h)
+    work_out(c.work_out, s, c, mode, part, k, h)
     predict(c.leap, to, x, u, i, c.vectors[1])
-    propagate(c.leap, c.dleap, to, x, u, i, big, c.columns[0])
+    propagate_any(c.leap, c.dleap, to, x, u, i, big, s.nx, c.columns[0])
     for r in range(s.nx):
         x[r] = c.vectors[1, r]
+        for q in range(big.shape[1]):
+            big[r, q] = c.columns[0, r, q]
     guard_values(s.spring, s.slip_rows, x, c.guards[0])
     classify(s.reach, c.guards[0], mode)
 
 
-@njit(**COMPILE)
-def event_step(s, c, x, inputs, i, big, mode, part):
-    """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
+@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE, REALS[1])
+def rough_step(s, c, x, inputs, i, big, mode, part, new):
+    """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
     u, rest, events, fresh = inputs[i], s.spans[part], 0, 0
     for f in range(s.nf):
@@ -239,7 +242,7 @@ def event_step(s, c, x, inputs, i, big, mode, part):
         a, net = c.flow[k], c.net[k]
         if not c.rate[k] * rest < STIFF:
             unlocated_step(s, c, x, inputs, i, big, mode, part, k, rest)
-            return
+            break
         te, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
         series(a, x, u, w)
         if events < MOST:
@@ -254,39 +257,29 @@ def event_step(s, c, x, inputs, i, big, mode, part):
             switch(s, c.hold, net, mode, x, u, big, element, digit)
             fresh |= 1 << element
             events += 1
-
-
-@njit(**COMPILE)
-def rough_step(s, c, x, inputs, i, big, mode, part, new):
-    """A part of a sample with events; new gets the guard values at its end."""
-    event_step(s, c, x, inputs, i, big, mode, part)
     guard_values(s.spring, s.slip_rows, x, new)
 
 
-@njit(**COMPILE)
+@unit(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
 def switch_late(s, c, x, u, late, big, mode, k):
     """Saltation where the held torque switches inside a sample, at the dead time.
 
-    k        slot of the mode, or -1
-    returns  whether the mode has changed
+    k  slot of the mode, or -1
     """
-    first = 0 * s.nx  # not a literal, of which Numba would compile a version of its own
     if k < 0:
-        k = lookup(s, c, mode, first)
+        k = lookup(s, c, mode, 0)
     jump = c.vectors[1]
     for r in range(s.nx):
         jump[r] = 0.0
         for j in range(s.nu):
             jump[r] += c.flow[k, r, s.nx + j, 0] * (late[j] - u[j])
-    freed = s.nf > 0 and release(s, c.hold, c.net[k], x, u, mode)
-    if freed:
+    if s.nf > 0 and release(s, c.hold, c.net[k], x, u, mode):
         # The switch lets a body go: its acceleration begins here too.
         for r in range(s.nx):
             jump[r] = load_on(c.flow[k, r, :, 0], x, late)
-        k = lookup(s, c, mode, first)
+        k = lookup(s, c, mode, 0)
         for r in range(s.nx):
             jump[r] -= load_on(c.flow[k, r, :, 0], x, u)
     for r in range(s.nx):
         for q in range(s.nq):
             big[r, q] += jump[r] * s.delay[q]
-    return freed

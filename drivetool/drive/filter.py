@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.compiled import COMPILE, ENTRY, HOT
 from drivetool.drive.events import rough_step
 from drivetool.drive.kernel import forget
 from drivetool.drive.laws import slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.run import law_part, output_row, plain_step, reclassify, show
+from drivetool.drive.system import read_cache, read_laws, read_system
 
 
 @njit(**COMPILE)
-def see_through(laws, slopes, row):
+def see_through(laws, row):
     """Row of an output over the state alone, the torques of the laws put through their slopes."""
     for m in range(laws.code.size):
         at = laws.first + 3 * m
         if row[at] != 0.0:
-            slope_of(laws.arguments, m, laws.found[0, m], slopes[m])
+            slope_of(laws.arguments, m, laws.found[0, m], laws.slopes[m])
             for j in range(laws.first):
-                row[j] += row[at] * slopes[m, j]
+                row[j] += row[at] * laws.slopes[m, j]
             row[at] = 0.0
 
 
@@ -80,12 +81,12 @@ def advance_covariance(p, f, noise, q, extra, t):
 
 
 @njit(**HOT)
-def correct(s, laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
+def correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
     """Measurement updates of sample i: state, covariance, gains and innovations."""
     for m in range(innov.shape[1]):
         e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
-        if laws is not None and laws.shown:
-            see_through(laws, laws.slopes, row)
+        if smooth is not None and read_laws(smooth).shown:
+            see_through(read_laws(smooth), row)
         innov[i, m] = e
         var[i, m] = 1.0
         known = e == e
@@ -98,17 +99,18 @@ def correct(s, laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x
                 x[j] += k[j] * e
 
 
-@njit(**COMPILE)
-def kalman(s, c, laws, clock, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
+@njit(**ENTRY)
+def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
     """Extended Kalman filter: exact mode-wise transitions, sensitivities across events.
 
-    s must have no free parameters, and ns = nx columns.
+    system, cache, smooth  as for `run`; no free parameters, and ns = nx columns
     r        (ny,)        sensor variances relative to that of the first output
     q        torque noise variance, entering with the first input; extra (nx,) on the states
     p        (nx, nx)     covariance of the start state, changed
     gain     (n, ny, nx)  or (0, ny, nx); var (n, ny); innov (n, ny), NaN where unmeasured
     states   (n, nx)      filtered states, or (0, nx)
     """
+    s, c = read_system(system), read_cache(cache)
     nx = s.nx
     leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
@@ -118,9 +120,9 @@ def kalman(s, c, laws, clock, u, late, y, r, q, extra, p, x, mode, gain, var, in
     f, t, new, old = c.transition, c.columns[0], c.guards[0], c.guards[1]
     reclassify(spring, slip_rows, reach, x, mode, old)
     for i in range(u.shape[0]):
-        if laws is not None and laws.shown:
-            show(s, laws, x, clock, mode, f)
-        correct(s, laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
+        if smooth is not None and read_laws(smooth).shown:
+            show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, f)
+        correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
         if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
             number = -1
         for j in range(nx):
@@ -131,20 +133,20 @@ def kalman(s, c, laws, clock, u, late, y, r, q, extra, p, x, mode, gain, var, in
             row[j] = 0.0
         for part in range(parts):
             held = late if part < early else u
-            if laws is None and (number < 0 or parts > 1):
+            if smooth is None and (number < 0 or parts > 1):
                 number = lookup(s, c, mode, part)
-            if laws is not None:
-                number, _ = law_part(s, c, laws, number, x, held, i, clock, f, mode, part, b, new, old)
+            if smooth is not None:
+                number, _ = law_part(s, c, read_laws(smooth), number, x, held, i, clock, f, mode, part, b, new, old)
                 number = lookup(s, c, mode, part) if number < 0 else number
                 clock += s.spans[part]
             elif not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, number,
                                 x, held, i, f, mode, b, t, new, old):
-                rough_step(s, c, x, held, i, f, mode, part, new)
+                rough_step(c.rough, s, c, x, held, i, f, mode, part, new)
                 number = lookup(s, c, mode, part)
             for e in range(n):
                 old[e] = new[e]
             add_noise(leap, number, row, b)
-        if laws is not None:
-            f[laws.first:] = 0.0
+        if smooth is not None:
+            f[read_laws(smooth).first:] = 0.0
         forget(memory, x, f)
         advance_covariance(p, f, row, q, extra, t)

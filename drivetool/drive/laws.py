@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.effects import (
     asymmetry,
     drag,
@@ -16,6 +16,7 @@ from drivetool.drive.effects import (
     ripple,
     stribeck,
 )
+from drivetool.drive.table import REAL, REALS, WHOLE
 
 NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "imbalance", "load-step", "hardening", "load-damping")
 
@@ -24,7 +25,7 @@ _RIPPLE, _IMBALANCE, _STEP = ripple.torque, imbalance.torque, load_step.torque
 _HARDENING, _DAMPING = hardening.torque, load_damping.torque
 
 
-@njit(**COMPILE)
+@unit(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
 def law_torque(code, a, b, time, side, p, out):
     """out = torque, its derivatives over the arguments a and b, and over the parameters."""
     for j in range(out.size):
@@ -72,7 +73,7 @@ def law_at(laws, m, x, time, mode, gaps, out):
     for j in range(laws.first):
         a += laws.arguments[m, 0, j, 0] * x[j]
         b += laws.arguments[m, 1, j, 0] * x[j]
-    law_torque(laws.code[m], a, b, time, side, laws.parameters[m], out)
+    law_torque(laws.torque, laws.code[m], a, b, time, side, laws.parameters[m], out)
 
 
 @njit(**HOT)
@@ -124,5 +125,5 @@ def set_hold(s, c, laws, time):
     for m in range(laws.code.size):
         if laws.friction[m] >= 0:
             out = laws.found[0, m]
-            law_torque(laws.code[m], 0.0, 0.0, time, 1.0, laws.parameters[m], out)
+            law_torque(laws.torque, laws.code[m], 0.0, 0.0, time, 1.0, laws.parameters[m], out)
             c.hold[laws.friction[m], 0] -= out[0]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE
-from drivetool.drive.system import LOOKS
+from drivetool.drive.compiled import COMPILE, ONCE, unit
+from drivetool.drive.system import CACHE, LOOKS, SYSTEM
+from drivetool.drive.table import REAL, WHOLE, WHOLES
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TERMS = 14
@@ -30,13 +31,28 @@ def lookup(s, c, mode, part):
         k = c.slot[last]
         c.slot[last] += 1
         c.slot[number] = k
-        build(s, c, mode, part, k)
+        work_out(c.work_out, s, c, mode, part, k, 0.0)
     return k
 
 
-@njit(**COMPILE)
-def build(s, c, mode, part, k):
-    """Fill slot k: stamp the switching elements, divide by the mass, take the exponential."""
+@unit(SYSTEM, CACHE, WHOLES[1], WHOLE, WHOLE, REAL)
+def work_out(s, c, mode, part, k, h):
+    """Fill slot k; with h > 0 only the last slot, with the step of mode k over h seconds."""
+    if h > 0.0:
+        step_matrix(s, c, mode, k, c.rate.size - 1, h)
+        return
+    stamp_mode(s, c, mode, k)
+    c.rate[k] = balanced_norm(c.flow[k], c.square, s.nx)
+    step_matrix(s, c, mode, k, k, s.spans[part])
+    look_ahead(s, c, mode, k, s.spans[part])
+    if c.mid.shape[0] > 0:
+        exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
+        let_rest(s, c.mid[k], mode)
+
+
+@njit(**ONCE)
+def stamp_mode(s, c, mode, k):
+    """The flow of slot k: stamp the switching elements, divide by the mass."""
     nx, const, jet = s.nx, s.nx + s.nu, s.nq + 1
     a = c.flow[k]
     for r in range(nx):
@@ -61,15 +77,9 @@ def build(s, c, mode, part, k):
     for f in range(s.nf):
         if mode[s.ng + f] == 1:
             hold(a, s.slip_rows[f])
-    c.rate[k] = balanced_norm(a, c.square, nx)
-    step_matrix(s, c, mode, k, k, s.spans[part])
-    look_ahead(s, c, mode, k, s.spans[part])
-    if c.mid.shape[0] > 0:
-        exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
-        let_rest(s, c.mid[k], mode)
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def hold(a, row):
     """A body that sticks has no acceleration, and its speed, which is zero, moves nothing."""
     for j in range(a.shape[1]):
@@ -95,7 +105,7 @@ def let_rest(s, leap, mode):
             leap[s.slip_rows[f], s.slip_rows[f]] = 0.0
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def look_ahead(s, c, mode, k, h):
     """Rows that give every guard at equally spaced instants inside a part of h seconds."""
     a, rate, row = c.flow[k], c.rate[k], c.lines[0]
@@ -119,7 +129,7 @@ def look_ahead(s, c, mode, k, h):
                 c.watch[k, e, m, j] = row[j]
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def advance_row(a, row, term, new, h):
     """row (nz,) becomes the row that gives its value h seconds later; term, new (nz,) are scratch."""
     for j in range(row.size):
@@ -149,7 +159,7 @@ def stamp_contact(s, a, g, e, side):
         a[row, const, q] -= side * (gain[0] * reach[q] + gain[q] * reach[0])
 
 
-@njit(**COMPILE)
+@njit(**ONCE)
 def balanced_norm(a, b, nx):
     """Infinity norm of the state part after diagonal balancing (Osborne 1960), in 1/s.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.compiled import COMPILE, ENTRY, HOT
 from drivetool.drive.events import rough_step, switch_late
 from drivetool.drive.kernel import classify, forget, guard_values, predict, propagate, stays
-from drivetool.drive.laws import law_at, set_hold
+from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
 from drivetool.drive.smooth import law_step
-from drivetool.drive.smooth_events import first_columns, law_rough_step
+from drivetool.drive.smooth_events import law_rough_step, show
+from drivetool.drive.system import read_cache, read_laws, read_system
 
 
 @njit(**HOT)
@@ -94,18 +95,8 @@ def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, new, old):
         k = lookup(s, c, mode, part)
     if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0], new, old):
         return k, True
-    law_rough_step(s, c, laws, x, held, i, clock, big, mode, part, new)
+    law_rough_step(laws.rough, s, c, laws, x, held, i, clock, big, mode, part, new)
     return -1, False
-
-
-@njit(**COMPILE)
-def show(s, laws, x, time, mode, big):
-    """Put the torques of the laws, and their sensitivities, where an output can read them."""
-    for m in range(laws.code.size):
-        law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
-        x[laws.first + 3 * m] = laws.found[0, m, 0]
-    if big.shape[1] > 0:
-        first_columns(s, laws, x, mode, 1.0, big)
 
 
 @njit(**HOT)
@@ -122,15 +113,6 @@ def observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i,
             write_row(jac, i, m, col, g if known else 0.0, e)
         if gain.shape[0] > 0 and known:
             use_measurement(gain, i, m, e, x, big, col, jac.shape[0] > 0)
-
-
-@njit(**COMPILE)
-def varies(delay):
-    """Whether the dead time depends on a free parameter."""
-    found = False
-    for d in delay:
-        found = found or d != 0.0
-    return found
 
 
 @njit(**COMPILE)
@@ -160,11 +142,11 @@ def plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, 
     return True
 
 
-@njit(**COMPILE)
-def run(s, c, laws, clock, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
+@njit(**ENTRY)
+def run(system, cache, smooth, clock, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
     """Simulate n samples; everything may be continued in the next call.
 
-    laws     smooth laws, or None: what they need is then not even compiled
+    system, cache, smooth    tables of a System, a Cache, and the smooth Laws or None
     clock    time of the first sample [s]
     u, late  (n, nu)         inputs, and those before the dead time switches inside the sample
     y        (n, ny)         measured outputs, NaN where there is none
@@ -178,6 +160,7 @@ def run(s, c, laws, clock, u, late, y, gain, weight, x, big, mode, fresh, out, j
     states   (n, nx)         state before the sample's measurement is used, or (0, nx)
     returns  samples in which events were located
     """
+    s, c = read_system(system), read_cache(cache)
     leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
@@ -188,21 +171,21 @@ def run(s, c, laws, clock, u, late, y, gain, weight, x, big, mode, fresh, out, j
     if fresh:
         classify(reach, old, mode)
     observed, located, first, last = gain.shape[0] > 0, 0, -1, -1
-    moves = early > 0 and varies(s.delay)
     for i in range(u.shape[0]):
         if states.shape[0] > 0:
             for j in range(x.size):
                 states[i, j] = x[j]
-        if laws is not None and laws.shown:
-            show(s, laws, x, clock, mode, big)
+        if smooth is not None and read_laws(smooth).shown:
+            show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, big)
         observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac)
         if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
             first = -1
         for part in range(parts):
             held = late if part < early else u
-            if laws is not None:
-                first, smooth = law_part(s, c, laws, first, x, held, i, clock, big, mode, part, b, new, old)
-                located += not smooth
+            if smooth is not None:
+                first, free = law_part(s, c, read_laws(smooth), first, x, held, i, clock, big, mode, part,
+                                       b, new, old)
+                located += not free
                 clock += s.spans[part]
             else:
                 if first < 0:
@@ -210,12 +193,13 @@ def run(s, c, laws, clock, u, late, y, gain, weight, x, big, mode, fresh, out, j
                 k = first if part == 0 else last
                 if not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
                                   held, i, big, mode, b, t, new, old):
-                    rough_step(s, c, x, held, i, big, mode, part, new)
+                    rough_step(c.rough, s, c, x, held, i, big, mode, part, new)
                     located += 1
                     first = -1
             for e in range(n):
                 old[e] = new[e]
-            if moves and part + 1 == early and switch_late(s, c, x, u[i], late[i], big, mode, first):
+            if c.late != 0 and part + 1 == early:
+                switch_late(c.late, s, c, x, u[i], late[i], big, mode, first)
                 first = -1
         forget(memory, x, big)
     return located

@@ -6,9 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drivetool.drive.compiled import address
+from drivetool.drive.events import rough_step, switch_late
 from drivetool.drive.filter import kalman
+from drivetool.drive.modes import work_out
 from drivetool.drive.run import run
 from drivetool.drive.system import Cache, Laws, System, empty_cache
+from drivetool.drive.table import packed
 
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
 
@@ -65,9 +69,15 @@ class Plant:
     laws: Laws | None = None
     interpolation: float = 0.0
     cache: Cache = field(init=False)
+    tables: tuple[np.ndarray, np.ndarray, np.ndarray | None] = field(init=False)
 
     def __post_init__(self):
-        object.__setattr__(self, "cache", empty_cache(self.system, self.laws))
+        exact, late = self.laws is None, self.system.early > 0 and self.system.delay.any()
+        cache = empty_cache(self.system, self.laws, (
+            address(work_out), address(rough_step) if exact else 0, address(switch_late) if late else 0))
+        laws = None if self.laws is None else packed(self.laws)
+        object.__setattr__(self, "cache", cache)
+        object.__setattr__(self, "tables", (packed(self.system), packed(cache), laws))
 
     @property
     def nx(self) -> int:
@@ -108,7 +118,7 @@ class Plant:
         u, late = self.held(trace.inputs)
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
-        events = run(s, self.cache, self.laws, trace.origin, u, late, trace.outputs,
+        events = run(*self.tables, trace.origin, u, late, trace.outputs,
                      *_observer(s, gains, slice(None)), self._start(start),
                      np.zeros((s.nx, 0)), np.ones(s.ng + s.nf, np.int64),
                      True, out, np.empty((0, s.ny, s.ns)), states)
@@ -140,7 +150,7 @@ class Plant:
             gain, scale = _observer(s, gains, part)
             if gains is None and weight is not None:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
-            run(s, self.cache, self.laws, trace.origin + a * trace.step, u[part], late[part],
+            run(*self.tables, trace.origin + a * trace.step, u[part], late[part],
                 trace.outputs[part], gain, scale, x, big, mode,
                 a == 0, np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx)))
             flat = rows.reshape(-1, s.ns)
@@ -154,7 +164,7 @@ class Plant:
         u, late = self.held(trace.inputs)
         big = self._first_columns()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
-        run(s, self.cache, self.laws, trace.origin, u, late, trace.outputs,
+        run(*self.tables, trace.origin, u, late, trace.outputs,
             *_observer(s, gains, slice(None)), self._start(start), big,
             np.ones(s.ng + s.nf, np.int64), True, out, jac,
             np.empty((0, s.nx)))
@@ -179,7 +189,7 @@ class Plant:
         gain = np.empty((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
-        kalman(s, self.cache, self.laws, trace.origin, u, late, trace.outputs, sensor, torque, more, p,
+        kalman(*self.tables, trace.origin, u, late, trace.outputs, sensor, torque, more, p,
                self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
         return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 

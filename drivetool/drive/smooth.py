@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT
+from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.kernel import guard_values, predict, propagate_any, stays
 from drivetool.drive.laws import gap_side, law_at, torque_columns
+from drivetool.drive.system import CACHE, LAWS, SYSTEM
+from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
 
 ROUNDS = 12  # of the fixed point, after which shorter stretches are taken
 CLOSE = 1e-10  # relative change of the torques at which it has converged
@@ -67,8 +69,7 @@ def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, new, old):
         if not stays(s.reach, c.hold, c.net, c.watch, c.looks, k, mode, x, b, u, i, old, new):
             return False
     if big.shape[1] > 0:
-        law_columns(c.mid, c.dmid, c.leap, c.dleap, laws.arguments, laws.parameters, laws.half, laws.gap, n, s.nq,
-                    found, laws.nodes, laws.slopes[0], laws.weight, laws.right, k, h, x, u, i, mode, mid, b, big)
+        law_columns(laws.columns, s, c, laws, k, h, x, u, i, mode, mid, b, big)
     for r in range(n):
         x[r] = b[r]
     return True
@@ -144,10 +145,13 @@ def eliminate(a, b, columns):
             b[k, q] /= a[k, k]
 
 
-@njit(**COMPILE)
-def law_columns(mid, dmid, leap, dleap, arguments, parameters, half, gap, first, nq, found, nodes, slope,
-                weight, right, k, h, x, u, i, mode, y, b, big):
+@unit(SYSTEM, CACHE, LAWS, WHOLE, REAL, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
+def law_columns(s, c, laws, k, h, x, u, i, mode, y, b, big):
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
+    mid, dmid, leap, dleap = c.mid, c.dmid, c.leap, c.dleap
+    arguments, parameters, half, gap = laws.arguments, laws.parameters, laws.half, laws.gap
+    first, nq, found, nodes, slope = laws.first, s.nq, laws.found, laws.nodes, laws.slopes[0]
+    weight, right = laws.weight, laws.right
     nl, ns, middle, end = gap.size, big.shape[1], nodes[0], nodes[1]
     start_rows(arguments, parameters, half, gap, first, nq, found, x, mode, h, slope, big)
     propagate_any(mid, dmid, k, x, u, i, big, first, middle)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE
+from drivetool.drive.compiled import COMPILE, unit
 from drivetool.drive.events import MOST, load_on, next_event, next_term, series, switch, unlocated_step
 from drivetool.drive.kernel import guard_values
 from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
 from drivetool.drive.smooth import ROUNDS, agree, eliminate, node_equations, parabola, response, start_columns
-from drivetool.drive.system import ORDER
+from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
+from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
 
 # Share of a part below which a stretch is not cut any further, converged or not: what changes faster
 # leaves no trace in the record, and a trial value of a fit must not take for ever.
@@ -126,7 +127,7 @@ def rest_columns(s, laws, x, mode, big):
             big[at + 1, q] = big[at + 2, q] = 0.0
 
 
-@njit(**COMPILE)
+@unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE, REALS[1])
 def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
     """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
     w, p, u = c.series, c.poly, inputs[i]
@@ -194,3 +195,13 @@ def as_it_came(s, hold, net, f, side, dropped, x, u, big):
     factor = (load - side * hold[f, 0]) / (load - side * s.level[f, 0] + dropped)
     for q in range(big.shape[1]):
         big[s.slip_rows[f], q] *= factor
+
+
+@unit(SYSTEM, LAWS, REALS[1], REAL, WHOLES[1], REALS[2])
+def show(s, laws, x, time, mode, big):
+    """Put the torques of the laws, and their sensitivities, where an output can read them."""
+    for m in range(laws.code.size):
+        law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
+        x[laws.first + 3 * m] = laws.found[0, m, 0]
+    if big.shape[1] > 0:
+        first_columns(s, laws, x, mode, 1.0, big)

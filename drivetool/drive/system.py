@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drivetool.drive.table import Float1, Float2, Float3, Float4, Int1, Int2, Pointer, reader
+
 ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
 CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
 PARAMETERS = 4  # of a smooth law, at most
@@ -39,21 +41,21 @@ class System(NamedTuple):
     memory      (nx,)             factor on a state from sample to sample
     """
 
-    rows: np.ndarray
-    mass: np.ndarray
-    spring: np.ndarray
-    reach: np.ndarray
-    gap_rows: np.ndarray
-    gap_gain: np.ndarray
-    slip_rows: np.ndarray
-    level: np.ndarray
-    outputs: np.ndarray
-    output_gap: np.ndarray
-    picks: np.ndarray
-    spans: np.ndarray
+    rows: Float3
+    mass: Float2
+    spring: Float3
+    reach: Float2
+    gap_rows: Int2
+    gap_gain: Float3
+    slip_rows: Int1
+    level: Float2
+    outputs: Float3
+    output_gap: Int1
+    picks: Int1
+    spans: Float1
     early: int
-    delay: np.ndarray
-    memory: np.ndarray
+    delay: Float1
+    memory: Float1
     nx: int
     nu: int
     nq: int
@@ -81,25 +83,31 @@ class Laws(NamedTuple):
     Scratch: found (3, nl, 3 + PARAMETERS) torques and derivatives at start, middle and end;
     weight (2 nl, 2 nl) and right (2 nl, ns), the equations of the sensitivities; slopes (nl, nx);
     nodes (3, nx, ns), unit (nx, 3 nl), answers (3, nx, 3 nl), term and more (nx, ns or 3 nl)
+
+    torque, columns, rough, show    addresses of the units law_torque, law_columns, law_rough_step and show
     """
 
-    code: np.ndarray
-    arguments: np.ndarray
-    parameters: np.ndarray
-    gap: np.ndarray
-    half: np.ndarray
-    friction: np.ndarray
+    code: Int1
+    arguments: Float4
+    parameters: Float3
+    gap: Int1
+    half: Float2
+    friction: Int1
     first: int
     shown: bool
-    found: np.ndarray
-    weight: np.ndarray
-    right: np.ndarray
-    slopes: np.ndarray
-    nodes: np.ndarray
-    unit: np.ndarray
-    answers: np.ndarray
-    term: np.ndarray
-    more: np.ndarray
+    found: Float3
+    weight: Float2
+    right: Float2
+    slopes: Float2
+    nodes: Float3
+    unit: Float2
+    answers: Float3
+    term: Float3
+    more: Float3
+    torque: int
+    columns: int
+    rough: int
+    show: int
 
 
 class Cache(NamedTuple):
@@ -121,33 +129,39 @@ class Cache(NamedTuple):
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
     poly (ORDER + 1,), vectors (3, nx), lines (3, nz), guards (2, elements), gradient (ns,)
+
+    work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
+                             free, switch_late; 0 where it is not needed
     """
 
-    slot: np.ndarray
-    flow: np.ndarray
-    leap: np.ndarray
-    dleap: np.ndarray
-    net: np.ndarray
-    watch: np.ndarray
-    looks: np.ndarray
-    rate: np.ndarray
-    mid: np.ndarray
-    dmid: np.ndarray
-    hold: np.ndarray
-    jets: np.ndarray
-    square: np.ndarray
-    transition: np.ndarray
-    columns: np.ndarray
-    series: np.ndarray
-    poly: np.ndarray
-    vectors: np.ndarray
-    lines: np.ndarray
-    guards: np.ndarray
-    gradient: np.ndarray
+    slot: Int1
+    flow: Float4
+    leap: Float3
+    dleap: Float4
+    net: Float3
+    watch: Float4
+    looks: Int1
+    rate: Float1
+    mid: Float3
+    dmid: Float4
+    hold: Float2
+    jets: Float4
+    square: Float2
+    transition: Float2
+    columns: Float3
+    series: Float2
+    poly: Float1
+    vectors: Float2
+    lines: Float2
+    guards: Float2
+    gradient: Float1
+    work_out: int
+    rough: int
+    late: int
 
 
-def empty_cache(s: System, laws: Laws | None = None) -> Cache:
-    """Room for the modes of a system, none of them worked out yet."""
+def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
+    """Room for the modes of a system, none of them worked out yet; addresses of its units."""
     nx, nz, jet = s.rows.shape
     elements = s.ng + s.nf
     modes = 3 ** elements * s.spans.size
@@ -162,4 +176,9 @@ def empty_cache(s: System, laws: Laws | None = None) -> Cache:
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((3, nx)),
-                 np.zeros((3, nz)), np.zeros((2, elements)), np.zeros(s.ns))
+                 np.zeros((3, nz)), np.zeros((2, elements)), np.zeros(s.ns), *addresses)
+
+
+SYSTEM, CACHE, LAWS = Pointer(System), Pointer(Cache), Pointer(Laws)
+# For compiled code: the tuple from its table.
+read_system, read_cache, read_laws = reader(SYSTEM), reader(CACHE), reader(LAWS)
