@@ -138,7 +138,7 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
     found = {}
     fitted = {name: line.get("value") for name, line in answer.parameters.items()}
     for effect in label["effects"]:
-        for name, value in told(effect["truth"], label["plain"], fitted).items():
+        for name, value in told(effect["truth"], label.get("plain", {}), fitted).items():
             ends = (answer.parameters.get(name) or {}).get("ci95")
             if ends and None not in ends:
                 found[name] = ends[0] <= value <= ends[1]

@@ -258,7 +258,7 @@ def test_an_answer_is_read_from_the_file_and_a_failure_is_an_answer(tmp_path):
     (tmp_path / "x.yaml").write_text(yaml.safe_dump({
         "schema": "drivetool/parameters/1", "parameters": {"shaft.half_gap": {"value": 1.0, "ci95": [0.9, 1.1]}},
         "diagnosis": {"verdict": "named", "causes": ["backlash"], "gain": {"held_out_rmse_after": 0.1},
-                      "candidates": [{"code": "backlash", "smallest_visible": 0.01}]}}))
+                      "candidates": [{"code": "backlash", "round": 1, "smallest": {}}]}}))
     answer = read(tmp_path / "x.yaml")
     assert answer.verdict == "named" and answer.causes == ("backlash",) and answer.between == ()
     held = study_diagnose.intervals({"effects": [{"truth": {"shaft.half_gap": 1.05, "other": 1.0}}]}, answer)
@@ -281,7 +281,7 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
         asked.append(sorted(p.name for p in folder.iterdir()))
         verdict = "named" if len(asked) == 1 else "nothing-found"
         return Answer(verdict, ("quadratic-drag",) * (verdict == "named"), (), {},
-                      ({"code": "quadratic-drag", "smallest_visible": 1e-3},))
+                      ({"code": "quadratic-drag", "round": 1, "smallest": {"motor.drag": {"value": 1e-3}}},))
 
     monkeypatch.setattr(study_diagnose, "fresh_error", lambda *_: None)
     path = tmp_path / "build" / "rows.jsonl"

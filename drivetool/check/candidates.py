@@ -18,6 +18,7 @@ from drivetool.identify.problem import Point
 
 SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
 WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the record
+EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
 LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
 
 
@@ -198,7 +199,9 @@ def _dead_time(base: Model) -> list[Start]:
 
 def _hold(base: Model) -> list[Start]:
     name = "converter.interpolation"
-    return [] if present(base, name) else [added(base, {name: 1.0}, (), held=(name,))]
+    if present(base, name):
+        return []
+    return _likeliest(base, [added(base, {name: share}, (), held=(name,)) for share in EARLIER])
 
 
 def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:

@@ -85,8 +85,8 @@ CAUSES = {
         ("dead_time",)),
     "torque-hold": Cause(
         "torque logged as it passes", "The logged torque is no step that is held until the next sample: between "
-        "its samples it goes on in a straight line, so the torque acts half a sample earlier than a held one.",
-        "Keep converter.interpolation: 1 in the parameters, and say torque_is: measurement in the channel map.",
+        "its samples it goes on towards the next one, so it acts up to half a sample earlier than a held one.",
+        "Keep converter.interpolation in the parameters, and say torque_is: measurement in the channel map.",
         "torque-hold", ("interpolation",)),
     "converter-lag": Cause(
         "lag of the torque", "The torque follows the logged command with a lag: the current loop is slower than "

@@ -128,7 +128,8 @@ def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -
         first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
         return f"{first}{either} explain the record equally well; {better}."
     if verdict == "unexplained":
-        near = f" {search.causes[-1].replace('-', ' ').capitalize()} comes closest, but" if search.causes else ""
+        closest = ", then ".join(c.replace("-", " ") for c in search.causes).capitalize()
+        near = f" {closest} come{'s' * (len(search.causes) == 1)} closest ({better}), but" if closest else ""
         return (f"Something is missing that no cause in the catalogue explains.{near} "
                 f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
     return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."

@@ -86,5 +86,5 @@ def _told(before: Outcome, after: Outcome, times: Sequence[float]) -> Finding:
         f"{len(times)} samples, at {when} s, lie more than {LARGEST:.0f} standard deviations off what the drive "
         f"does next: glitches of a sensor, or knocks. They were left out; with them {name} came out as "
         f"{moved[name][0]:.5g}, without as {moved[name][1]:.5g}.",
-        {"count": len(times), "instants": instants[:NAMED]},
+        {"count": len(times), "instants": " ".join(f"{t:g}" for t in instants[:NAMED])},
         "Look at these instants. Steps of an encoder need nothing more; for knocks and impacts run diagnose.")
