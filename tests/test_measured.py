@@ -73,7 +73,8 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     found = [{p.name: p for p in e.parameters} for e in estimates]
     left = [f for f in estimates[1].findings if f.code == "samples-left-out"]
     if end == 20.0:
-        assert {7.06, 14.2} <= set(map(float, left[0].evidence["instants"].split())) and left[0].evidence["count"] < 100
+        assert {7.06, 14.2} <= set(map(float, left[0].evidence["instants"].split()))
+        assert left[0].evidence["count"] < 100
     for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
         a, b = (lines[name] for lines in found)
         assert abs(a.value - b.value) < 3.0 * np.hypot(a.std, b.std), name

@@ -84,7 +84,7 @@ def _told(before: Outcome, after: Outcome, times: Sequence[float]) -> Finding:
     return Finding(
         "warning", "samples-left-out",
         f"{len(times)} samples, at {when} s, lie more than {LARGEST:.0f} standard deviations off what the drive "
-        f"does next: glitches of a sensor, or knocks. They were left out; with them {name} came out as "
-        f"{moved[name][0]:.5g}, without as {moved[name][1]:.5g}.",
+        f"does next: glitches of a sensor, or knocks. They were left out, which moved {name} by "
+        f"{100.0 * (moved[name][1] / moved[name][0] - 1.0):.2g} %.",
         {"count": len(times), "instants": " ".join(f"{t:g}" for t in instants[:NAMED])},
         "Look at these instants. Steps of an encoder need nothing more; for knocks and impacts run diagnose.")
