@@ -155,6 +155,8 @@ def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping
         owner, _, what = name.rpartition(".")
         if what == "breakaway":
             found[f"{owner}.stribeck"] = value - truth[f"{owner}.coulomb"]
+        elif what == "coulomb" and f"{owner}.coulomb_back" in truth:
+            found[name] = 0.5 * (value + truth[f"{owner}.coulomb_back"])  # the difference is an idle torque
         elif what == "filter_time":
             found["sensor.bandwidth"] = 1.0 / value if value > 0.0 else np.inf
         elif what == "damping_torque":
