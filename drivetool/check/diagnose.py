@@ -168,15 +168,19 @@ class Search:
         with ThreadPoolExecutor(WORKERS) as pool:
             tried = list(pool.map(lambda c: attempt(c, self.model, self.masks, before.get(c.code)),
                                   self.candidates))
-            likely = self._likely(tried)
+            likely = self._likely(tried, promised=True)
             ends = dict(zip((t.candidate.code for t in likely), pool.map(lambda t: polished(t, self.masks), likely),
                             strict=True))
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]
 
-    def _likely(self, tried: Sequence[Tried]) -> list[Tried]:
-        """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first."""
-        gains = {t.candidate.code: self.model.value - t.model.value for t in tried if t.model is not None}
+    def _likely(self, tried: Sequence[Tried], promised: bool = False) -> list[Tried]:
+        """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first.
+
+        promised  before they are fitted to the end: what a linear step promises counts too
+        """
+        gains = {t.candidate.code: max(self.model.value - t.model.value, t.promise if promised else -np.inf)
+                 for t in tried if t.model is not None}
         least = max(TRIFLE, CHANCE * max(gains.values(), default=0.0))
         likely = [t for t in tried if gains.get(t.candidate.code, -np.inf) > least]
         return sorted(likely, key=lambda t: -gains[t.candidate.code])[:JUDGED]

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.candidates import Candidate, Start, why_absent
+from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
-from drivetool.check.model import Masks, Model, fit
+from drivetool.check.model import Masks, Model, fit, judge
 from drivetool.check.structure import carried, states_of
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
-from drivetool.identify.least_squares import Solution, schur
+from drivetool.identify.least_squares import Solution, marquardt_step, schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.results import parameters_of
@@ -35,6 +36,7 @@ class Tried:
     models    where its fits ended, the best first; none if there was nothing to fit, or every fit
               failed: `absent` says which, `reason` why
     smallest  standard deviation of each amplitude at the base: what the record resolves
+    promise   log likelihood that a linear step at the base would gain; zero if none was tried
     """
 
     candidate: Candidate
@@ -42,6 +44,7 @@ class Tried:
     smallest: dict[str, float]
     reason: str = ""
     absent: State | None = None
+    promise: float = 0.0
 
     @property
     def model(self) -> Model | None:
@@ -79,7 +82,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     begun, reason = [], "every fit failed"
     for start in starts:
         try:
-            begun.append(begin(base, start))
+            begun.append(begin(base, start, masks))
         except BROKEN as error:
             reason = str(error)
     resolved = dict(before.smallest) if before is not None else _resolved(begun)
@@ -96,7 +99,8 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]
     if not found:
         return Tried(candidate, (), resolved, f"its fit failed: {reason}", "failed")
-    return Tried(candidate, tuple(found), resolved)
+    promise = max((b.promise for b in begun if np.isfinite(b.promise)), default=0.0)
+    return Tried(candidate, tuple(found), resolved, promise=promise)
 
 
 def polished(tried: Tried, masks: Masks) -> Tried:
@@ -120,7 +124,8 @@ def sizeable(tried: Tried, base: Model) -> Tried:
         found = {p.name: abs(p.value / p.std) for p in values_of(tried.model, base) if p.std}
     except BROKEN:
         return tried
-    sizes = [found[n] for n in tried.smallest if n in found]
+    own = CAUSES[tried.candidate.code].sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
+    sizes = [found[n] for n in tried.smallest if n in found and n.rpartition(".")[2] in own]
     if not sizes or max(sizes) > TOLD:
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
@@ -165,11 +170,11 @@ def _screened(candidate: Candidate, resolved: dict[str, float]) -> Tried:
     return Tried(candidate, (), resolved, "it does not make the records it is fitted to more likely", "no-gain")
 
 
-def begin(base: Model, start: Start) -> Begun:
+def begin(base: Model, start: Start, masks: Masks) -> Begun:
     """The first point of a start, and what a linear step promises.
 
-    Amplitudes begin where one linear step from the base puts them; from zero the limits of the
-    usual steps would take many.
+    Amplitudes begin where one linear step from the base puts them, everything else there too or
+    where it was, whichever is likelier; from zero the limits of the usual steps would take many.
     """
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
@@ -186,8 +191,10 @@ def begin(base: Model, start: Start) -> Begun:
         values[j] = np.clip(values[j] + step[j], problem.low[j], problem.high[j])
     if np.all(values[at] == problem.low[at]):
         promise = 0.0
-    return Begun(start, problem, Point(values, point.starts), promise, {n: float(std[j]) for n, j in zip(
-        start.amplitudes, at, strict=True)})
+    whole = problem.moved(point, *marquardt_step(problem, point, normal, 1e-9, ~moves))
+    first = min((Point(values, point.starts), whole), key=lambda p: judge(problem, p, base.noise, masks))
+    return Begun(start, problem, first, promise,
+                 {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)})
 
 
 def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -77,7 +77,7 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
               hold: np.ndarray | None) -> tuple[Point | None, float, float]:
     """(a better point, its cost, damping that it took); no point if none is better."""
     while damping < 1e12:
-        step, own = _step(problem, point, normal, damping, hold)
+        step, own = marquardt_step(problem, point, normal, damping, hold)
         # A step clipped at a bound may point uphill (below zero); more damping turns it.
         if 0.0 <= _promised(normal, step, own) < LEAST * normal.cost:
             break
@@ -123,7 +123,9 @@ def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
     return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
 
 
-def _step(problem: Problem, point: Point, normal: Normal, damping: float, hold: np.ndarray | None):
+def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: float,
+                   hold: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
+    """((k,) step inside the bounds, steps of the start states per trace); hold: (k,) what does not move."""
     matrix, slope, inverses = schur(normal, damping)
     size = np.sqrt(np.diag(normal.shared))
     size[size == 0.0] = 1.0
