@@ -76,9 +76,10 @@ def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     # A spike is one sample against both neighbours: a step of the motion is not.
     left, right = filled - np.roll(filled, 1), filled - np.roll(filled, -1)
     lone = (left * right > 0.0) & (np.minimum(np.abs(left), np.abs(right)) > 0.6 * d)
-    # Nor is a corner, which goes on as it came from one side.
+    # Nor is a corner, which goes on as it came from one side; two looks, since the line may begin in another spike.
     for side in (1, -1):
-        lone &= np.abs(filled - 2.0 * np.roll(filled, side) + np.roll(filled, 2 * side)) > 0.6 * d
+        near, past = np.roll(filled, side), [(np.roll(filled, k * side), k - 1) for k in (2, 3)]
+        lone &= np.max([np.abs(filled - near - (near - far) / k) for far, k in past], axis=0) > 0.6 * d
     limit = SPIKE * np.maximum(np.maximum(usual, sigma), smooth / 2.0)
     at = np.flatnonzero((d > limit) & lone & alone & good)
     at = at[(at > 0) & (at < len(y) - 1)]

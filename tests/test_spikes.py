@@ -1,0 +1,50 @@
+"""Single wrong values against what a drive does by itself: corners, ringing, noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.spikes import put_back, spikes, without_outliers
+from drivetool.logs.experiment import Experiment
+
+STEP, SIZE, NOISE = 1e-3, 4000, 0.02
+TIME = np.arange(SIZE) * STEP
+
+
+def corners():
+    """Speed under torque steps: straight up and down, a corner every 0.4 s, 1.5 per sample steep."""
+    return 300.0 * np.abs((TIME + 0.2) % 0.8 - 0.4) * 5.0
+
+
+def ringing():
+    """A shaft that rings with a period of five samples from every half second on."""
+    since = TIME % 0.5
+    return 40.0 * np.exp(-since / 0.03) * np.sin(2.0 * np.pi * 200.0 * since)
+
+
+@pytest.mark.parametrize("signal", [corners, ringing])
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_drive_does_is_no_spike(signal, seed):
+    y = signal() + NOISE * np.random.default_rng(seed).standard_normal(SIZE)
+    assert len(spikes(y)[0]) == 0
+
+
+@pytest.mark.parametrize("at", [[700], [700, 702], [700, 703, 1900], [150, 2222, 3800]])
+def test_spikes_are_found_alone_and_in_pairs(at):
+    y = np.sin(2.0 * np.pi * TIME) + NOISE * np.random.default_rng(1).standard_normal(SIZE)
+    y[at] += 40.0 * NOISE * np.resize([1.0, -1.0], len(at))
+    assert list(spikes(y)[0]) == at
+
+
+def test_what_is_spared_stays_and_what_was_left_out_comes_back_on_its_scale():
+    y = np.sin(2.0 * np.pi * TIME) + NOISE * np.random.default_rng(2).standard_normal(SIZE)
+    y[[700, 1900]] += 1.0
+    e = Experiment("r", "0" * 64, STEP, 0.0, {"motor_torque": np.zeros(SIZE), "motor_speed": y}, ((0, SIZE),),
+                   "Nm", "rad", "command", ())
+    mended, (finding,) = without_outliers(e, {"motor_speed": [700]})
+    assert finding.evidence["count"] == 1
+    assert list(np.flatnonzero(np.isnan(mended.signals["motor_speed"]))) == [1900]
+    halved = replace(mended, signals={**mended.signals, "motor_speed": 0.5 * mended.signals["motor_speed"]})
+    (whole,) = put_back([halved], [e])
+    np.testing.assert_allclose(whole.signals["motor_speed"], 0.5 * y, rtol=1e-12)
