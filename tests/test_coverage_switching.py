@@ -13,11 +13,10 @@ from drivetool.identify.engine import Task, by_innovations
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from tests.recover import STEP, experiment, truth
-from tests.simulator.controllers import SpeedPI
 from tests.simulator.experiments import multisine, trapezoids
-from tests.simulator.machine import Machine, at_rest
+from tests.simulator.fast import PI, simulate_fast
+from tests.simulator.machine import Machine
 from tests.simulator.records import white_noise
-from tests.simulator.simulate import Sensor, simulate
 
 RIG = Machine((0.6, 5.2), (0.8, 0.0), (5.0, 0.0), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
 FREE = ("motor.inertia", "load.inertia", "motor.viscous", "motor.coulomb", "load.idle_torque",
@@ -30,10 +29,9 @@ def held(machine: Machine, seed: int, torque_noise: float, free: tuple[str, ...]
     n = 12_000
     reference = trapezoids(6.0, 0.75, 0.35, 12.0, STEP, 7)[:n]
     excite = multisine(np.arange(2.0, 25.0), 0.7, 12.0, STEP, 8)[:n]
-    controller = SpeedPI(reference, 9.0, 12.0, STEP, limit=60.0)
-    sensor = Sensor("speed", white_noise(n, 0.02, 2 * seed + 1))
-    run = simulate(machine, excite, STEP, at_rest(machine), controller,
-                   white_noise(n, torque_noise, 2 * seed), sensor=sensor)
+    controller = PI(reference, 9.0, 12.0, limit=60.0)
+    run = simulate_fast(machine, excite, STEP, None, controller, white_noise(n, torque_noise, 2 * seed),
+                        sensor_noise=white_noise(n, 0.02, 2 * seed + 1))
     record, values = experiment(run.command, run.measured), truth(machine)
     off = 1.0 + 0.03 * np.random.default_rng(seed).uniform(-1.0, 1.0, len(free))
     drive = two_mass().with_values({name: values[name] * f for name, f in zip(free, off, strict=True)})
