@@ -20,7 +20,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, score
-from drivetool.check.hypothesis import TRIFLE, Tried, attempt, polished, sizeable
+from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable
 from drivetool.check.model import Masks, Model, everything, fit, judge, spread
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
@@ -37,6 +37,7 @@ from drivetool.identify.setup import first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
 WORKERS = 2
+NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
@@ -171,6 +172,9 @@ class Search:
             likely = self._likely(tried, promised=True)
             ends = dict(zip((t.candidate.code for t in likely), pool.map(lambda t: polished(t, self.masks), likely),
                             strict=True))
+            for code in [c for c in ends if c in NESTED]:
+                for simple in set(NESTED[code]) & set(ends):
+                    ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, why_absent
+from drivetool.check.candidates import Candidate, Start, motion, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit, judge
@@ -116,6 +116,25 @@ def polished(tried: Tried, masks: Masks) -> Tried:
     return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
 
 
+def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
+    """A cause fitted again from where one that contains it ended, if that is likelier.
+
+    A special case that only stopped in a worse optimum must not lose to the law that contains it.
+    """
+    if simple.model is None or general.model is None or general.model.value > simple.model.value - TRIFLE:
+        return simple
+    own, values = simple.model, general.model.fitted.drive.values
+    # The surplus of a Stribeck friction counts as Coulomb friction.
+    new = {n: values.get(n, 0.0) + values.get(n.replace(".coulomb", ".stribeck"), 0.0) if n.endswith(".coulomb")
+           else values[n] for n in own.task.free if n in values}
+    task = own.task.at(new)
+    try:
+        trial = fit(own.code, task, own.problem, carried(general.model, task, own.problem), general.model.noise, masks)
+    except BROKEN:
+        return simple
+    return replace(simple, models=(trial, *simple.models)) if trial.value < own.value else simple
+
+
 def sizeable(tried: Tried, base: Model) -> Tried:
     """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit."""
     if not tried.smallest or tried.model is None:
@@ -178,7 +197,7 @@ def begin(base: Model, start: Start, masks: Masks) -> Begun:
     """
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    problem = _bounded(_without_angle(problem, task), task)
+    problem = _bounded(_without_angle(problem, task), base, task)
     point = carried(base, task, problem)
     if not start.amplitudes:
         return Begun(start, problem, point, np.inf, {})
@@ -210,12 +229,18 @@ def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np
     return step, std, float(-0.5 * slope @ step / variance)
 
 
-def _bounded(problem: Problem, task) -> Problem:
-    """No lag faster than leaves a trace: there the contacts inside a sample take ever longer."""
+def _bounded(problem: Problem, base: Model, task) -> Problem:
+    """No lag faster than leaves a trace, and no Stribeck speed that the record never leaves behind.
+
+    With so short a lag contacts inside a sample take ever longer; with so high a speed the surplus
+    is Coulomb friction by another name.
+    """
     high = problem.high.copy()
     for j, name in enumerate(task.free):
         if name.endswith(".bandwidth"):
             high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
+        elif name.endswith(".stribeck_speed"):
+            high[j] = min(high[j], motion(base)[0])
     return replace(problem, high=high)
 
 
