@@ -79,3 +79,26 @@ def test_sensitivities_are_the_derivatives(name):
         expected = (sides[0] - sides[1]) / (2.0 * size)
         error = np.abs(jacobian[:, 0, k] - expected[:, 0])
         assert np.quantile(error, 0.99) < 1e-4 * np.abs(expected[:, 0]).max(), parameter
+
+
+@pytest.mark.parametrize("name", [n for n in CASES if n not in ("stribeck", "stribeck-load", "filter")])
+def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
+    """Gap, stick and slip under the observer: innovations and variances of the exact kernel."""
+    machine, _, values, _ = CASES[name]
+    machine = replace(machine, coulomb=LOOSE.coulomb, half_gap=LOOSE.half_gap)
+    drive, torque = drive_of(machine), levels(machine, 3000, 3, share=0.4)
+    amplitudes = [n for n in values if not n.endswith(("_order", "_twist", ".viscous"))]
+    neutral = {**values, "motor.viscous": 0.8, **dict.fromkeys(amplitudes, 0.0)}
+    assert neutral["motor.viscous"] == machine.viscous[0]
+    speed = simulate_fast(machine, torque, STEP).speeds[:, 0]
+    speed = speed + 0.02 * np.random.default_rng(5).standard_normal(len(speed))
+    passes = []
+    for more, free in (({}, ()), (neutral, amplitudes)):
+        changed = replace(drive, values={**drive.values, **more})
+        plant = plant_of(changed, Layout(tuple(free), ("motor_torque",), ("motor_speed",), STEP, gradient=False))
+        trace = Trace(torque[:, None], speed[:, None], STEP)
+        start = np.zeros(plant.nx)
+        passes.append(plant.filter(trace, start, np.ones(1), 50.0**2, np.zeros(plant.nx),
+                                   np.zeros((plant.nx, plant.nx)), False))
+    np.testing.assert_allclose(passes[1].innovations, passes[0].innovations, atol=1e-9)
+    np.testing.assert_allclose(passes[1].variance, passes[0].variance, rtol=1e-9)

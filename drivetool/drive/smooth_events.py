@@ -103,9 +103,9 @@ def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
     for node in range(2):
         t = 0.5 * h if node == 0 else h
         for r in range(n):
-            c.vectors[0, r] = horner(w[:, r], t)
+            c.vectors[3, r] = horner(w[:, r], t)
         node_equations(laws.arguments, laws.parameters, laws.half, laws.gap, n, s.nq, laws.found, node,
-                       c.vectors[0], mode, laws.nodes[node], laws.answers, node, 0, h, laws.slopes[0],
+                       c.vectors[3], mode, laws.nodes[node], laws.answers, node, 0, h, laws.slopes[0],
                        laws.weight, laws.right)
     eliminate(laws.weight, laws.right, ns)
     for r in range(n):
@@ -149,7 +149,7 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
             unlocated_step(s, c, x, inputs, i, big, mode, part, k, rest)
             break
         h, element, digit = min(rest, 0.5 / max(c.rate[k], 1e-300)), -1, 0
-        while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[0]) and h > SHORTEST * whole:
+        while not collocate(s, laws, a, x, u, time, h, mode, w, c.vectors[3]) and h > SHORTEST * whole:
             h *= 0.5
             failed += 1
             begin(s, laws, x, time, mode)

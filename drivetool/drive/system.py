@@ -128,7 +128,7 @@ class Cache(NamedTuple):
 
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
-    poly (ORDER + 1,), vectors (3, nx), lines (3, nz), guards (2, elements), gradient (ns,)
+    poly (ORDER + 1,), vectors (4, nx), lines (3, nz), guards (2, elements), gradient (ns,)
 
     work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
                              free, switch_late; 0 where it is not needed
@@ -175,7 +175,7 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)), s.level[:, :1].copy(),
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
                  np.zeros((3, nx, s.ns)),
-                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((3, nx)),
+                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((4, nx)),
                  np.zeros((3, nz)), np.zeros((2, elements)), np.zeros(s.ns), *addresses)
 
 
