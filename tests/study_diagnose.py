@@ -78,6 +78,8 @@ def plans(cases: int, nulls: int) -> list[Plan]:
             for code, kind in KINDS.items():
                 options = varied(FIRST_SEED + i)
                 options["bodies"] = max(int(options.get("bodies", 2)), kind.bodies)
+                if code == "imbalance":  # a weight off the axis needs an axis that turns
+                    options["linear"] = False
                 found.append(Plan("effect", f"effect/{code}/{i}", (code,), options))
                 found.append(Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)))
                 for size in () if code.startswith("wrong-sign") else SMALLER:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.check.candidates import CANDIDATES
-from drivetool.check.heldout import Score, evidence
+from drivetool.check.heldout import Score, total_evidence
 
 CLOSE = 2.0  # standard errors within which two causes explain the record equally well
 LEAST = 4.0  # log likelihood that is a tie whatever the scatter says
@@ -51,12 +51,13 @@ class Decision:
     evidence: float
 
 
-def decide(scores: Sequence[Score], budget: float) -> Decision:
+def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decision:
     """Whether a cause is found, and which.
 
     budget  share of records without any cause on which one may be found
+    gained  log likelihood by the causes that were found before
     """
-    log_evidence = evidence(scores)
+    log_evidence = total_evidence(scores, gained)
     strength = float(log_evidence / np.log(10.0)) if np.isfinite(log_evidence) else -300.0
     if not scores or log_evidence < np.log(1.0 / budget):
         return Decision(None, (), strength)

@@ -148,10 +148,10 @@ class Search:
             if self._improve(tried):
                 tried = self._attempt({t.candidate.code: t for t in tried})
             scores = self._judge(tried)
-            decision = decide(scores, budget)
+            decision = decide(scores, budget, self.gained)
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
-                decision = decide(scores, budget)
+                decision = decide(scores, budget, self.gained)
             last = number == self.options.rounds
             results = results_of(tried, scores, decision, self.model)
             stage = None if decision.best is None or last else self._adopt(decision)
@@ -225,9 +225,13 @@ class Search:
         """Held-out scores of the likeliest causes."""
         likely = [t for t in self._likely(tried) if t.absent is None]
 
+        least = min(f.value for f in both(self.model, self.masks))
+
         def one(t: Tried) -> Score | None:
             try:
-                return score(self._as_coloured(t.model), self.folds)
+                found = score(self._as_coloured(t.model), self.folds)
+                return replace(found, lead=least - found.model.value,
+                               further=len(t.model.task.free) - len(self.model.task.free))
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
 

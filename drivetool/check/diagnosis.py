@@ -36,7 +36,7 @@ class CandidateResult:
     state      named; possible: as good as the best; worse: gains, but less than the best; no-gain;
                not-shown: this record cannot show it; in-the-model already; failed
     gain       log likelihood gained on data held out, gain_std its standard error; None if not fitted
-    evidence   log10 of the likelihood ratio on data held out against the best the base can do there
+    evidence   log10 of one over the share of records without any cause on which as much would be found
     smallest   smallest size that this record would have shown, by parameter, in its unit; None: unknown
     parameters its values on the whole record, with intervals
     reason     in words, where there is no gain to state

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread
@@ -17,6 +18,8 @@ from drivetool.identify.setup import problem_of
 
 ONE_OFF = ".step_time"
 LOOKS = 1000  # instants that a record can tell apart, about
+LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
+INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
 
 
@@ -28,6 +31,8 @@ class Score:
     evidence  per fold: log likelihood ratio against the best that the base can do on the test samples
     training  per fold: -log likelihood of the training samples
     trained   per fold: the model fitted to the training samples
+    lead      log likelihood over the likeliest base on the samples that both were fitted to
+    further   parameters that the cause adds
     """
 
     model: Model
@@ -35,6 +40,8 @@ class Score:
     evidence: tuple[float, ...]
     training: tuple[float, ...]
     trained: tuple[Model, ...]
+    lead: float = 0.0
+    further: int = 1
 
     @property
     def gain(self) -> float:
@@ -159,9 +166,22 @@ def evidence(scores: Sequence[Score]) -> float:
     return float(top + np.log(np.mean(np.exp(np.array(ratios) - top)))) if np.isfinite(top) else -np.inf
 
 
-def own_evidence(one: Score) -> float:
-    """Natural log of the averaged likelihood ratio of one cause."""
-    return evidence([one])
+def surprise(one: Score, gained: float = 0.0) -> float:
+    """Natural log of one over the share of records without any cause in which the search leads by as much.
+
+    The lead on the samples that were fitted is chi-square there (Wilks 1938), and everything that was
+    looked at counts (Bonferroni). It shows effects half as large as the ratio on data held out does,
+    but only the latter is right whatever the base got wrong: so the data held out must agree, and
+    the lead must stand out from what was `gained` before, of which no law is exact.
+    """
+    if one.gain < one.gain_std or one.lead < INEXACT * gained:
+        return -np.inf
+    return float(-chi2.logsf(2.0 * max(one.lead, 0.0), one.further) - np.log(LOOKED))
+
+
+def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:
+    """Natural log of the evidence for there being a cause at all, by either way."""
+    return max([evidence(scores), *(surprise(s, gained) for s in scores)], default=-np.inf) - np.log(2.0)
 
 
 def both(base: Model, masks: Masks) -> list[Model]:

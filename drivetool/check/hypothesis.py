@@ -129,7 +129,8 @@ def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
            else values[n] for n in own.task.free if n in values}
     task = own.task.at(new)
     try:
-        trial = fit(own.code, task, own.problem, carried(general.model, task, own.problem), general.model.noise, masks)
+        point = carried(general.model, task, own.problem)
+        trial = fit(own.code, task, own.problem, point, general.model.noise, masks)
     except BROKEN:
         return simple
     return replace(simple, models=(trial, *simple.models)) if trial.value < own.value else simple

@@ -12,7 +12,7 @@ from drivetool.check.decide import Decision, experiment_between
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
-from drivetool.check.heldout import Score, own_evidence
+from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
@@ -29,8 +29,8 @@ from drivetool.identify.problem import Point, Problem
 if TYPE_CHECKING:
     from drivetool.check.diagnose import Search
 
-# Standard deviations at the base that an amplitude needs to be found: half of the data must show it
-# with a likelihood ratio of 100 after the base has fitted itself to them.
+# Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
+# likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
@@ -52,7 +52,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
             lines.append(CandidateResult(*common, state, smallest=sizes, reason=reason))
         else:
             lines.append(CandidateResult(
-                *common, _state(s, decision), s.gain, s.gain_std, own_evidence(s) / float(np.log(10.0)), sizes,
+                *common, _state(s, decision), s.gain, s.gain_std, total_evidence([s]) / float(np.log(10.0)), sizes,
                 values_of(s.model, base)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 

@@ -130,7 +130,7 @@ class CandidateSection(Shape):
     gain: Annotated[Number, Meta(description="log likelihood gained on data held out")] = None
     gain_std: Annotated[Number, Meta(description="standard error of the gain")] = None
     evidence: Annotated[
-        Number, Meta(description="log10 of the likelihood ratio on data held out to the best without it")] = None
+        Number, Meta(description="log10 of 1 over the share of records without any cause that show as much")] = None
     smallest: Annotated[
         dict[str, SizeSection], Meta(description="smallest size this record would have shown")] = {}
     parameters: Annotated[

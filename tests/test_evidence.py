@@ -1,0 +1,54 @@
+"""How much a lead in log likelihood says, and what takes its word away."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.special import erfc
+
+from drivetool.check.decide import decide
+from drivetool.check.heldout import LOOKED, Score, surprise, total_evidence
+
+AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
+
+
+def score(lead, gains=AGREES, further=1, code="quadratic-drag", ratio=-30.0):
+    model = SimpleNamespace(code=code)
+    return Score(model, gains, (ratio, ratio), (0.0, 0.0), (model, model), lead, further)
+
+
+@pytest.mark.parametrize("lead", [5.0, 12.0, 20.0])
+def test_of_one_parameter_the_chance_is_that_of_a_normal_variable(lead):
+    assert np.exp(-surprise(score(lead))) == pytest.approx(LOOKED * erfc(np.sqrt(lead)), rel=1e-9)
+
+
+def test_more_parameters_need_a_larger_lead():
+    found = [surprise(score(20.0, further=n)) for n in (1, 2, 3)]
+    assert found[0] > found[1] > found[2]
+
+
+def test_the_lead_counts_for_nothing_where_the_samples_held_out_disagree():
+    assert surprise(score(200.0, DISAGREES)) == -np.inf
+    assert decide([score(200.0, DISAGREES)], 0.01).best is None
+
+
+def test_a_small_lead_behind_a_large_gain_may_be_an_inexact_law():
+    assert np.isfinite(surprise(score(25.0), gained=500.0))
+    assert surprise(score(25.0), gained=1000.0) == -np.inf
+
+
+def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says():
+    """The lead of one parameter that is looked at LOOKED times is at most this large, but for a share of them."""
+    rng = np.random.default_rng(11)
+    most = [0.5 * np.max(rng.standard_normal(int(LOOKED)) ** 2) for _ in range(300)]
+    found = [decide([score(lead)], 0.05).best is not None for lead in most]
+    assert np.mean(found) < 0.05
+    assert decide([score(22.0)], 0.05).best is not None
+
+
+def test_either_way_of_finding_costs_half_of_the_budget():
+    assert total_evidence([score(0.0, ratio=7.0)]) == pytest.approx(7.0 - np.log(2.0))
+    assert total_evidence([score(30.0)]) == pytest.approx(surprise(score(30.0)) - np.log(2.0))
+    assert total_evidence([]) == -np.inf
