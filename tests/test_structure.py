@@ -8,12 +8,12 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "drivetool"
 FILES = sorted(ROOT.rglob("*.py"))
-BASE = {"quantity", "errors"}
+BASE = {"quantity", "errors", "progress"}
 LOWER = {"logs": BASE, "drive": BASE, "identify": BASE | {"logs", "drive"}}
 LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["cli"] = LOWER["files"] | {"files"}
-LOWER["errors"] = LOWER["quantity"] = LOWER["__init__"] = set()
+LOWER["errors"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "numba", "drivetool"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control"},
           "drive": {"llvmlite"},

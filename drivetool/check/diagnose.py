@@ -35,6 +35,7 @@ from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.logs.experiment import Experiment
+from drivetool.progress import counted
 
 WORKERS = 2
 NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
@@ -167,11 +168,13 @@ class Search:
         """Every cause on top of the base; those that have a chance after a few steps are fitted to the end."""
         before = before or {}
         with ThreadPoolExecutor(WORKERS) as pool:
-            tried = list(pool.map(lambda c: attempt(c, self.model, self.masks, before.get(c.code)),
-                                  self.candidates))
+            tried = list(counted(f"round {len(self.rounds) + 1}: causes tried", pool.map(
+                lambda c: attempt(c, self.model, self.masks, before.get(c.code)), self.candidates),
+                len(self.candidates)))
             likely = self._likely(tried, promised=True)
-            ends = dict(zip((t.candidate.code for t in likely), pool.map(lambda t: polished(t, self.masks), likely),
-                            strict=True))
+            fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
+                             pool.map(lambda t: polished(t, self.masks), likely), len(likely))
+            ends = dict(zip((t.candidate.code for t in likely), fitted, strict=True))
             for code in [c for c in ends if c in NESTED]:
                 for simple in set(NESTED[code]) & set(ends):
                     ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
@@ -236,7 +239,8 @@ class Search:
                 return None
 
         with ThreadPoolExecutor(WORKERS) as pool:
-            scores = list(pool.map(one, likely))
+            scores = list(counted(f"round {len(self.rounds) + 1}: causes judged on data held out",
+                                  pool.map(one, likely), len(likely)))
         return [s for s in scores if s is not None]
 
     def _adopt(self, decision: Decision) -> Gain:

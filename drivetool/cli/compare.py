@@ -57,7 +57,7 @@ def command(
         names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
         return run(job, CompareOptions(names, order, noise_order))
 
-    guarded("compare", work, debug)
+    guarded("compare", work, debug, quiet)
 
 
 def run(job: Job, options: CompareOptions) -> int:

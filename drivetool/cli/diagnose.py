@@ -52,7 +52,7 @@ def command(
                             "Name causes, with commas between; drivetool effects lists them.")
         return run(job, len(held), DiagnoseOptions(codes, error_budget, rounds, seed), report)
 
-    guarded("diagnose", work, debug)
+    guarded("diagnose", work, debug, quiet)
 
 
 def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> int:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 
 import typer
 
+from drivetool.cli.bar import progress_bar
 from drivetool.errors import DriveToolError, Severity
 
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130  # USAGE is raised by typer itself
@@ -26,18 +27,19 @@ def exit_code(severities: Iterable[Severity], passed: bool = True, strict: bool 
     return MISSED if not passed or bad & set(severities) else DONE
 
 
-def guarded(command: str, work: Callable[[], int], debug: bool = False) -> None:
+def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: bool = False) -> None:
     """Run a command's work and leave with its exit code.
 
     command  name of the subcommand, for messages
     work     returns the exit code of a finished command
-    debug    whether to show a traceback
+    debug    whether to show a traceback; quiet: no progress bar
     """
     with warnings.catch_warnings():
         if not debug:
             warnings.showwarning = lambda message, *_, **__: say(command, f"warning: {message}")
         try:
-            code = work()
+            with progress_bar(quiet):
+                code = work()
             sys.stdout.flush()
         except DriveToolError as error:
             code = _failed(command, f"error: {error}", debug)

@@ -34,7 +34,7 @@ def command(
     """See HELP."""
     job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
               condition or ())
-    guarded("simulate", lambda: run(job, segment), debug)
+    guarded("simulate", lambda: run(job, segment), debug, quiet)
 
 
 def run(job: Job, segment: float) -> int:

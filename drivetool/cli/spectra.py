@@ -76,7 +76,7 @@ def command(
             overlap,
                                        period, skip, output, band), curves)
 
-    guarded("spectra", work, debug)
+    guarded("spectra", work, debug, quiet)
 
 
 def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:

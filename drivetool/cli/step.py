@@ -51,7 +51,7 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
                 tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed,
                 **{name: getattr(value, "value", value) for name, value in more.items()}))
 
-        guarded(step, work, debug)
+        guarded(step, work, debug, quiet)
 
     return _with_options(command, own)
 

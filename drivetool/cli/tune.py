@@ -80,7 +80,7 @@ def command(
         "configuration": list(configuration or ()), "motors": motors,
         "speed_filter": speed_filter, "dead_time": dead_time.value, "confidence": confidence, "draws": draws,
         "seed": seed, "set": list(set or ()), "per_unit": per_unit}
-    guarded("tune", lambda: run(job, words), debug)
+    guarded("tune", lambda: run(job, words), debug, quiet)
 
 
 def run(job: Job, words: dict[str, object]) -> int:

@@ -51,7 +51,7 @@ def command(
         asked = ValidateOptions(min_fit, max_correlation, segment, seed)
         return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
 
-    guarded("validate", work, debug)
+    guarded("validate", work, debug, quiet)
 
 
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:

@@ -18,6 +18,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.search import Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
 from drivetool.identify.task import Outcome, Task
+from drivetool.progress import counted
 
 __all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run",
            "frozen", "looks_coloured", "segment_states"]
@@ -103,7 +104,7 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
     fits: list[Fit] = []
     tried = []
     several = len(starts) > 1
-    for values in starts:
+    for values in counted("starts", starts, len(starts)):
         start = task.at(values)
         point = first_point(start.drive, problem, task.roles)
         for way in _ways(start):

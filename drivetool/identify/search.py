@@ -22,6 +22,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.rough import balanced
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Task
+from drivetool.progress import counted
 
 CONFIRMED = 5.0  # log likelihood within which another start must come
 APART = 20.0  # the same for their parameters, by the curvature there
@@ -63,7 +64,8 @@ def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
     candidates = ranked(task, starts, seed)
     found: list[Descent[T]] = []
     ends: list[Task] = []
-    for index, way, hot in WAYS[: most or len(WAYS)]:
+    ways = WAYS[: most or len(WAYS)]
+    for index, way, hot in counted("starts", ways, len(ways)):
         start = candidates[min(index, len(candidates) - 1)]
         value, end, there = descend(start, way, hot)
         found.append(Descent(dict(zip(task.free, values_of(start).tolist(), strict=True)), way, value, end))

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, BadParameters, Finding, nearest
+from drivetool.progress import counted
 from drivetool.tune import remarks
 from drivetool.tune.factors import factors
 from drivetool.tune.gains import Design, Gains, TuneOptions
@@ -63,7 +64,7 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
     if options.confidence is not None and draws is None:
         raise BadParameters("standard deviations or a covariance for a design with --confidence",
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
-    designs = tuple(_design(drive, wiring, options, draws) for wiring in chosen)
+    designs = tuple(_design(drive, wiring, options, draws) for wiring in counted("designs", chosen, len(chosen)))
     findings = (*notes, *remarks.uncertainty(drive, options, covariance, draws),
                 *(f for each in designs for f in remarks.of_design(drive, each, options)))
     gains = Gains(drive, designs, options, remarks.outcome(drive, designs, options), findings)

@@ -1,0 +1,61 @@
+"""The progress bar on standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from drivetool.progress import shown_by
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+
+class Bar:
+    """One stage at a time; it goes away when the stage is over, before anything else is printed."""
+
+    def __init__(self) -> None:
+        self.stage, self.progress, self.task = "", None, None
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Show a stage; see `drivetool.progress.tell`."""
+        if stage != self.stage or self.progress is None:
+            self.close()
+            if done >= total:
+                return
+            self.stage, self.progress = stage, _progress()
+            self.task = self.progress.add_task(stage, total=total)
+            self.progress.start()
+        self.progress.update(self.task, completed=done)
+        if done >= total:
+            self.close()
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self.progress is not None:
+            self.progress.stop()
+        self.stage, self.progress, self.task = "", None, None
+
+
+def _progress() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                    console=Console(stderr=True), transient=True)
+
+
+@contextmanager
+def progress_bar(quiet: bool = False) -> Iterator[None]:
+    """A bar while something long runs, where a person watches standard error."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    bar = Bar()
+    try:
+        with shown_by(bar):
+            yield
+    finally:
+        bar.close()

@@ -1,0 +1,88 @@
+"""The progress bar: on a terminal's standard error, and nowhere else."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+from drivetool.progress import counted, shown_by
+
+
+def told(body):
+    """What a listener hears while `body` runs."""
+    heard = []
+    with shown_by(lambda *line: heard.append(line)):
+        body()
+    return heard
+
+
+def test_items_are_told_as_they_come():
+    assert told(lambda: list(counted("starts", "ab", 2))) == [("starts", 0, 2), ("starts", 1, 2), ("starts", 2, 2)]
+
+
+def test_a_stage_that_ends_early_is_over():
+    def stop():
+        for item in counted("starts", "abcd", 4):
+            if item == "b":
+                break
+
+    assert told(stop)[-1] == ("starts", 4, 4)
+
+
+def test_a_stage_that_fails_is_over():
+    def fail():
+        with pytest.raises(ValueError, match="broken"):
+            for _ in counted("starts", "abcd", 4):
+                raise ValueError("broken")
+
+    assert told(fail)[-1] == ("starts", 4, 4)
+
+
+def test_nobody_listens_afterwards():
+    heard = told(lambda: None)
+    list(counted("starts", "ab", 2))
+    assert heard == []
+
+
+def on_a_terminal(room, *more):
+    """(exit code, stdout, what a terminal got from standard error) of a small design."""
+    params = room / "drive.yaml"
+    params.write_text(
+        "schema: drivetool/parameters/1\nparameters:\n"
+        "  motor.inertia: {value: 0.6}\n  load.inertia: {value: 5.2}\n  shaft.stiffness: {value: 3300}\n"
+        "  shaft.damping: {value: 3.1}\n", encoding="utf-8")
+    ours, theirs = pty.openpty()
+    words = ["tune", "--params", str(params), "--converter", "433,0.69,2 ms", "--out", str(room / "gains.yaml")]
+    shown = b""
+    with (room / "stdout").open("wb") as out, subprocess.Popen(
+            [sys.executable, "-m", "drivetool.cli.main", *words, *more], stdout=out, stderr=theirs, cwd=room,
+            env={**os.environ, "TERM": "xterm"}) as run:
+        os.close(theirs)
+        while part := read(ours):
+            shown += part
+    os.close(ours)
+    return run.returncode, (room / "stdout").read_text(encoding="utf-8"), shown.decode()
+
+
+def read(terminal):
+    """What a terminal has next; nothing once the other side is closed."""
+    try:
+        return os.read(terminal, 4096)
+    except OSError:
+        return b""
+
+
+def test_a_terminal_sees_the_bar_and_the_result_stays_clean(tmp_path):
+    code, out, shown = on_a_terminal(tmp_path)
+    assert code == 0, shown
+    assert "designs" in shown and "0/1" in shown
+    assert "designs" not in out and "\x1b" not in out
+
+
+def test_quiet_means_no_bar(tmp_path):
+    code, _, shown = on_a_terminal(tmp_path, "--quiet")
+    assert code == 0 and shown == ""
