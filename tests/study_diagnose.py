@@ -104,7 +104,8 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         catalogue = sorted(set(CODES.values()) - set(plan.removed))
         more = ["--candidates", ",".join(catalogue)] if plan.removed else []
         answer = asking(Path(room), logs, start, greybox_options(case), more)
-        fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml") for name in ("base", "extended")}
+        fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml", answer.gain.get("segment") or 0.0)
+                 for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
     given, apart = grade(label["causes"], answer, bool(plan.removed)), {}
@@ -124,11 +125,14 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
 
 
-def fresh_error(room: Path, log: Path, params: str) -> float | None:
-    """Error of a free run on a record of the same machine that nobody has seen, by `validate`."""
+def fresh_error(room: Path, log: Path, params: str, segment: float) -> float | None:
+    """Error of free runs on a record of the same machine that nobody has seen, by `validate`.
+
+    segment  [s] length of the runs, that of the error which the diagnosis states
+    """
     if not (room / params).exists():
         return None
-    done = run(room, ["validate", log.name, "--params", params, "--json"])
+    done = run(room, ["validate", log.name, "--params", params, "--segment", f"{segment:g}", "--json"])
     try:
         return json.loads(done.stdout)["checks"][0]["rmse"]
     except (ValueError, KeyError, IndexError):
