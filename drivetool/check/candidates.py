@@ -41,12 +41,15 @@ class Candidate:
     effect   code of the effect in the drive's catalogue, which has law, needs and literature
     starts   (base) -> where to start; empty if the base has it already, or drive or record cannot show it
     nests    codes of causes that are special cases of this one
+    trace    (base) -> a start with hardly any of it, where no linear step at the neutral value tells what
+             the record resolves; None: there is no such start, or `starts` have amplitudes
     """
 
     code: str
     effect: str
     starts: Callable[[Model], list[Start]]
     nests: tuple[str, ...] = ()
+    trace: Callable[[Model], Start] | None = None
 
 
 def added(base: Model, values: Mapping[str, float], amplitudes: Sequence[str], held: Sequence[str] = ()) -> Start:
@@ -213,6 +216,21 @@ def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:
     return starts
 
 
+def _hardly_open(base: Model) -> Start:
+    """A gap of a hundredth of the twist that the torque makes."""
+    shaft = base.task.drive.shafts[0]
+    twist = torque_size(base) / base.fitted.drive.value(f"{shaft}.stiffness")
+    return added(base, {f"{shaft}.half_gap": 0.01 * twist}, ())
+
+
+def _hardly_late(name: str, inverse: bool) -> Callable[[Model], Start]:
+    """A delay, or the lag of a bandwidth, of the shortest length that is tried."""
+    def trace(base: Model) -> Start:
+        time = LATE[0] * base.problem.traces[0].step
+        return added(base, {name: 1.0 / time if inverse else time}, ())
+    return trace
+
+
 def _likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
     """Of starts that differ in one value, the one under which the records are likeliest, all else held."""
     def loss(start: Start) -> float:
@@ -251,7 +269,7 @@ def why_absent(candidate: Candidate, base: Model) -> tuple[State, str]:
 
 
 CANDIDATES: tuple[Candidate, ...] = (
-    Candidate("backlash", "backlash", _backlash),
+    Candidate("backlash", "backlash", _backlash, trace=_hardly_open),
     Candidate("coulomb-motor", "coulomb", _coulomb(0)),
     Candidate("coulomb-load", "coulomb", _coulomb(-1)),
     Candidate("stribeck-motor", "stribeck", _stribeck(0), nests=("coulomb-motor",)),
@@ -263,10 +281,12 @@ CANDIDATES: tuple[Candidate, ...] = (
     Candidate("third-mass", "shaft", _third_mass),
     Candidate("torque-ripple", "torque-ripple", _ripple),
     Candidate("imbalance", "imbalance", _imbalance),
-    Candidate("dead-time", "dead-time", _dead_time),
+    Candidate("dead-time", "dead-time", _dead_time, trace=_hardly_late("converter.dead_time", False)),
     Candidate("torque-hold", "torque-hold", _hold),
-    Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", "")),
-    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed")),
+    Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", ""),
+              trace=_hardly_late("converter.bandwidth", True)),
+    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed"),
+              trace=_hardly_late("sensor.bandwidth", True)),
     Candidate("torque-offset", "idle-torque", _offset),
     Candidate("load-step", "load-step", _load_step),
     Candidate("friction-drift", "friction-drift", _drift),

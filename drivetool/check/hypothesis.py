@@ -35,7 +35,8 @@ class Tried:
 
     models    where its fits ended, the best first; none if there was nothing to fit, or every fit
               failed: `absent` says which, `reason` why
-    smallest  standard deviation of each amplitude at the base: what the record resolves
+    smallest  standard deviation of each amplitude at the base, of the lag for a bandwidth: what the record
+              resolves
     promise   log likelihood that a linear step at the base would gain; zero if none was tried
     """
 
@@ -85,7 +86,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
             begun.append(begin(base, start, masks))
         except BROKEN as error:
             reason = str(error)
-    resolved = dict(before.smallest) if before is not None else _resolved(begun)
+    resolved = dict(before.smallest) if before is not None else _resolved(begun) or _traced(candidate, base)
     begun = _promising(begun)
     if begun and begun[0].promise < TRIFLE:
         return _screened(candidate, resolved)
@@ -165,6 +166,22 @@ def _again(base: Model, model: Model) -> Start:
     if fitted.drive.bodies != drive.bodies:
         return Start(fitted, ())
     return Start(fitted.at({n: drive.value(n) for n in base.task.free}), ())
+
+
+def _traced(candidate: Candidate, base: Model) -> dict[str, float]:
+    """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any."""
+    if candidate.trace is None:
+        return {}
+    start = candidate.trace(base)
+    task = start.task
+    problem = _without_angle(problem_of(task.drive, task.free, task.roles, base.problem.traces), task)
+    point = carried(base, task, problem)
+    try:
+        _, std, _ = linear_step(problem, normal_under(problem, point, base.noise), np.ones(len(task.free), bool))
+    except BROKEN:
+        return {}
+    new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}
+    return {n: float(std[j] / point.values[j] ** 2 if n.endswith(".bandwidth") else std[j]) for n, j in new.items()}
 
 
 def _resolved(begun: Sequence[Begun]) -> dict[str, float]:

@@ -15,12 +15,14 @@ import numpy as np
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio, with_state
+from drivetool.identify.noise import Noise, by_parabolas, filtered, fit_ratio, with_state
 from drivetool.identify.problem import Point, Problem
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
 ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
+TURNS = 6  # of torque noise and sensor noises, at most
+WIDE = np.log(3.0) * np.arange(-3, 4)  # of a sensor's noise about the guess
 SETTLED = 0.3  # log likelihood below which another round does not pay
 
 
@@ -95,7 +97,7 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
         rounds: int = ROUNDS, renew: bool = True, hold: np.ndarray | None = None, most: int = 12) -> Model:
     """Fit to the samples of a mask from a point.
 
-    renew   whether the noise ratio is estimated anew after the first rounds
+    renew   whether noise ratio and sensor noises are estimated anew after the first rounds
     hold    (k,) parameters that do not move in the first round
     most    steps per round
     """
@@ -105,14 +107,43 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
         trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
         # The memory of a coloured noise takes a search in two dimensions: once.
         if renew and number < (3 if noise.memory is None else 1):
-            fresh = fit_ratio(problem, trial, noise, noise.ratio, quick=True)
-            better = judge(problem, trial, fresh, masks)
+            fresh, better = renewed(problem, trial, noise, masks)
             if better < worth:
                 noise, worth = fresh, better
         gain, point, value = value - worth, trial, worth
         if gain < SETTLED and number > 0:
             break
     return Model(code, replace(task, drive=task.drive), problem, point, noise, value)
+
+
+def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:
+    """The noise estimated anew at a point, and its value; ratio and sensors in turn until they agree."""
+    noise = fit_ratio(problem, point, noise, noise.ratio, quick=True)
+    value = judge(problem, point, noise, masks)
+    for _ in range(TURNS if len(noise.scale) > 1 else 0):
+        trial = listened(problem, point, noise, masks)
+        trial = fit_ratio(problem, point, trial, trial.ratio, quick=True)
+        before, value = value, judge(problem, point, trial, masks)
+        if value > before - SETTLED:
+            return (trial, value) if value < before else (noise, before)
+        noise = trial
+    return noise, value
+
+
+def listened(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Noise:
+    """The noise with each further sensor as loud as makes the samples of a mask most likely.
+
+    Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
+    """
+    for m in range(1, len(noise.scale)):
+        def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
+            scale = noise.scale.copy()
+            scale[m] *= np.exp(log)
+            return replace(noise, scale=scale)
+
+        log = by_parabolas(lambda log, of=louder: judge(problem, point, of(log), masks), WIDE, close=0.02)
+        noise = louder(log)
+    return noise
 
 
 def _round(problem: Problem, point: Point, noise: Noise, masks: Masks, most: int,

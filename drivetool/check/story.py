@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosi
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
-from drivetool.check.hypothesis import TRIFLE, Tried, values_of
+from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.drive.chain import Drive
@@ -44,7 +44,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
-        sizes = {n: VISIBLE * v for n, v in t.smallest.items() if np.isfinite(v)}
+        sizes = _visible(t.smallest, FAST * base.problem.traces[0].step)
         if t.absent is not None:
             lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
         elif s is None:
@@ -55,6 +55,12 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
                 *common, _state(s, decision), s.gain, s.gain_std, total_evidence([s]) / float(np.log(10.0)), sizes,
                 values_of(s.model, base)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def _visible(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:
+    """Smallest sizes that would have been seen; of a bandwidth the largest, whose lag is at least the shortest."""
+    return {n: 1.0 / max(VISIBLE * v, shortest) if n.endswith(".bandwidth") else VISIBLE * v
+            for n, v in resolved.items() if np.isfinite(v) and v > 0.0}
 
 
 def _unjudged(t: Tried, gain: float, most: float) -> tuple[State, str]:

@@ -174,12 +174,12 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
     else:
         grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
-    best = _parabola(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
+    best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
                      0.05 if quick else 2e-3)
     return replace(noise, ratio=float(np.exp(best)))
 
 
-def _parabola(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
+def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
     """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
     x, y = list(grid), [value(g) for g in grid]
     for _ in range(rounds):
