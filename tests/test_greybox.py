@@ -106,6 +106,22 @@ def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
     assert any("shaft torque" in f.action for f in estimate.findings if f.code == "not-identifiable")
 
 
+def test_speeds_of_both_ends_do_not_tell_the_idle_torques_apart():
+    """A constant torque moved from one end to the other only moves the twist, which no speed shows."""
+    record = linear_record(MACHINE, 51)
+    run = simulate_linear(MACHINE, record.signals["motor_torque"], STEP, running(MACHINE, 20.0),
+                          white_noise(record.size, 0.003 * MACHINE.rated_torque, 7 * 51 + 1))
+    load = run.speeds[:, 1] + white_noise(record.size, 0.002, 98)
+    record = replace(record, signals={**record.signals, "load_speed": load})
+    parts = ("motor.idle_torque", "load.idle_torque")
+    estimate = greybox([record], start().with_values({n: truth(MACHINE)[n] for n in parts}), Options(free=parts))
+    lines = {p.name: p for p in estimate.parameters}
+    for name, other in (parts, parts[::-1]):
+        assert lines[name].status == "not-identifiable" and lines[name].std is None
+        assert other in lines[name].reason
+    assert lines["motor.inertia"].status == "fitted"
+
+
 def test_a_shaft_torque_sensor_tells_them_apart():
     machine = replace(MACHINE, viscous=(0.4, 0.1))
     record = linear_record(machine, 51)

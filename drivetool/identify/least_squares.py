@@ -103,7 +103,11 @@ def blocked(problem: Problem, point: Point, normal: Normal) -> np.ndarray:
 
 
 def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated."""
+    """(matrix (k, k), slope (k,), inverse own blocks) with the start states eliminated.
+
+    damping  of the start states, relative to their own information; a trace of it would pass for
+             knowledge where start states and parameters trade against each other
+    """
     matrix, slope = normal.shared.copy(), normal.slope.copy()
     if not normal.own:
         return matrix, slope, []
@@ -119,14 +123,14 @@ def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
     size = np.sqrt(np.einsum("sii->si", own))
     size[size == 0.0] = 1.0
     square = size[:, :, None] * size[:, None, :]
-    scaled = own / square + (damping + 1e-12) * np.eye(own.shape[1])
+    scaled = own / square + damping * np.eye(own.shape[1])
     return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
 
 
 def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: float,
                    hold: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
     """((k,) step inside the bounds, steps of the start states per trace); hold: (k,) what does not move."""
-    matrix, slope, inverses = schur(normal, damping)
+    matrix, slope, inverses = schur(normal, damping + 1e-12)
     size = np.sqrt(np.diag(normal.shared))
     size[size == 0.0] = 1.0
     move = ~blocked(problem, point, normal) & (np.diag(normal.shared) > 0.0)

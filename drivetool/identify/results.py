@@ -86,7 +86,8 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
             lines[name] = Parameter(*common, None, limit, "at-bound",
                                     f"the best value lies on the bound {value:g}; the interval is one-sided")
         elif not known:
-            partners = partners_of(covariance, problem.names, j)
+            partners = partners_of(covariance, problem.names, j) if np.isfinite(inflation[j]) else [
+                n for i, n in enumerate(problem.names) if i != j and free[i] and not np.isfinite(inflation[i])]
             reason = why_not(name, partners, after)
             lines[name] = Parameter(*common, None, None, "not-identifiable", reason)
             findings.append(Finding(
@@ -127,6 +128,8 @@ def told(value: float, std: float, inflation: float, drive: Drive, name: str) ->
     """Whether an interval says something: not a blur that other parameters can imitate."""
     size = max(abs(value), abs(drive.value(name) or 0.0))
     size = size if np.isfinite(size) else abs(value)
+    if not np.isfinite(inflation):  # a direction without information: the std is that of the others
+        return False
     if drive.quantity(name).neutral is None:
         return std < size
     return not (inflation > COLLINEAR and std > size)
