@@ -108,7 +108,7 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
                  for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
-    given, apart = grade(label["causes"], answer, bool(plan.removed)), {}
+    given, apart = grade(to_name(label, answer), answer, bool(plan.removed)), {}
     if given == "undetermined" and len(plan.effects) == 1:
         apart = {rival: separation(case, rival).number for rival in answer.between
                  if rival in LAWS and rival not in label["causes"]}
@@ -123,6 +123,14 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
         "intervals": intervals(label, answer), "talk": answer.talk[-300:] if answer.verdict == "failed" else "",
         "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}
+
+
+def to_name(label: Mapping, answer: Answer) -> list[str]:
+    """The hidden causes that must be named: of several those that show, and those that were found all the same."""
+    each = label.get("visibility", {}).get("each") or []
+    shown = {cause for cause, number in zip(label["causes"], each, strict=False) if number >= VISIBLE}
+    found = {*answer.causes, *answer.between}
+    return [c for c in label["causes"] if c in shown | found] if shown else label["causes"]
 
 
 def fresh_error(room: Path, log: Path, params: str, segment: float) -> float | None:
