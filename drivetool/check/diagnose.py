@@ -20,7 +20,8 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, score
-from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable
+from drivetool.check.hypothesis import FAST, TRIFLE, Tried, as_special_case, attempt, polished, sizeable
+from drivetool.check.lateness import lag_of
 from drivetool.check.model import Masks, Model, everything, fit, judge, spread
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
@@ -69,6 +70,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
                             "Run greybox on a record of this drive first.")
     logged = (*experiments, *holdout)
     mended, faults = preflight(logged, wanted)
+    given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []
     try:
         mended, drive, more = shaft_fault(mended, drive, free, wanted)
@@ -87,6 +89,8 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     base = base_model(task, fitted_samples(samples))
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
     search.notes = tuple(notes)
+    if len(free) > len(given[1]):
+        search.begin_with(base_model(task_of(mended, *given), search.masks))
     return tell(search.run(), drive, options)
 
 
@@ -100,10 +104,20 @@ def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment],
     return tuple(e for e, _ in found), [*outliers, *(f for f in faults if f.code != "outliers")]
 
 
+def with_filter(drive: Drive, free: Sequence[str], faults: Sequence[Fault]) -> tuple[Drive, tuple[str, ...]]:
+    """The drive with the filter that a speed is behind, to be fitted with the rest."""
+    lags = [f.finding.evidence["lag"] for f in faults if f.code == "speed-filter"]
+    if not lags:
+        return drive, tuple(free)
+    return drive.with_values({"sensor.bandwidth": 1.0 / float(np.mean(lags))}), (*free, "sensor.bandwidth")
+
+
 def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
-    """The causes that are left: where the angle is logged too, it tells at once whether the speed is filtered."""
-    compared = all({"motor_speed", "motor_angle"} <= set(e.signals) for e in experiments)
-    return [c for c in wanted if not (c == "speed-filter" and compared)]
+    """The causes that are left: an angle beside the speed can tell that the speed is not filtered."""
+    lags = [lag_of(e) for e in experiments]
+    prompt = all(found is not None and abs(found.lag) + 3.0 * found.std < FAST * e.step
+                 for found, e in zip(lags, experiments, strict=True))
+    return [c for c in wanted if not (c == "speed-filter" and prompt)]
 
 
 def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str]) -> Task:
@@ -139,6 +153,10 @@ class Search:
         self.rounds: list[Round] = []
         self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
+
+    def begin_with(self, base: Model) -> None:
+        """State gains over this base instead: it lacks what the record itself gave away."""
+        self.first, self.first_folds = base, folds_of(both(base, self.masks), self.samples)
 
     def run(self) -> Search:
         """All rounds, until nothing more is found."""

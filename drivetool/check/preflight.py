@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.check.lateness import lag_of
 from drivetool.check.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
@@ -18,6 +19,7 @@ from drivetool.logs.experiment import Experiment
 COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
 SCALE = 0.01  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope
+LATE = 0.1  # samples of delay below which a speed is not called late
 
 
 @dataclass(frozen=True)
@@ -108,11 +110,15 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
 
 
 def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
-    """A speed that is its angle's rate behind a low-pass, as the reader of the record compared them."""
-    if "speed-filter" not in wanted:
+    """A logged motor speed that comes later than the rate of the logged motor angle."""
+    late = lag_of(e)
+    if "speed-filter" not in wanted or late is None or late.lag < max(SURE * late.std, LATE * e.step):
         return []
-    return [Fault("speed-filter", f) for f in e.findings
-            if f.code == "speed-filtered" and f.text.startswith("motor")]
+    return [Fault("speed-filter", Finding(
+        "note", "speed-filter",
+        f"{e.name}: the logged motor speed comes {1000.0 * late.lag:.3g} ms after the rate of the logged motor "
+        "angle, as behind a low-pass.", {"lag": late.lag, "std": late.std},
+        "Log the speed before its filter, or take the angle."))]
 
 
 def _code(factor: float, error: float, wanted: Sequence[str]) -> str | None:

@@ -1,0 +1,57 @@
+"""A logged speed against the rate of the angle that is logged beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivetool.check.diagnose import not_ruled_out, with_filter
+from drivetool.check.lateness import lag_of
+from drivetool.check.preflight import preflight
+from drivetool.drive.chain import two_mass
+from tests.hidden import make_case
+from tests.recover import experiment
+
+KINDS = [(70001, "closed-loop", "nominal"), (70002, "reversing", "nominal"), (70003, "one-directional", "loud")]
+
+
+def record(code, seed, kind, noise, size=None):
+    sensors = ("motor_speed", "motor_angle")
+    signals = dict(make_case(code, seed, kind, sensors, noise, size, seed).records[0].logged)
+    return experiment(signals.pop("motor_torque"), signals.pop("motor_speed"), **signals)
+
+
+@pytest.mark.parametrize(("seed", "kind", "noise"), KINDS)
+def test_the_time_of_a_filter_is_found_within_its_error(seed, kind, noise):
+    found = lag_of(record("speed-filter", seed, kind, noise, size=3.0))
+    assert abs(found.lag - 3e-3) < 4.0 * found.std
+    assert found.lag > 6.0 * found.std
+
+
+@pytest.mark.parametrize("code", ["none", "converter-lag"])
+@pytest.mark.parametrize(("seed", "kind", "noise"), KINDS)
+def test_what_delays_both_is_no_lag_of_the_speed(seed, kind, noise, code):
+    e = record(code, seed, kind, noise)
+    found = lag_of(e)
+    assert abs(found.lag) < 4.0 * found.std
+    assert "speed-filter" not in {f.code for f in preflight([e], ["speed-filter"])[1]}
+
+
+def test_a_filter_that_is_found_joins_the_drive_and_one_that_is_not_there_is_ruled_out():
+    late, prompt = (record(code, *KINDS[0]) for code in ("speed-filter", "none"))
+    _, faults = preflight([late], ["speed-filter"])
+    drive, free = with_filter(two_mass(), ["motor.inertia"], faults)
+    assert drive.value("sensor.bandwidth") == pytest.approx(500.0, rel=0.1)  # two samples of a millisecond
+    assert free == ("motor.inertia", "sensor.bandwidth")
+    assert not_ruled_out(["speed-filter", "dead-time"], [prompt]) == ["dead-time"]
+
+
+def test_without_an_angle_nothing_is_said_and_nothing_ruled_out():
+    e = experiment(np.ones(5000), np.linspace(0.0, 5.0, 5000))
+    assert lag_of(e) is None
+    assert not_ruled_out(["speed-filter", "dead-time"], [e]) == ["speed-filter", "dead-time"]
+
+
+def test_a_standstill_says_nothing():
+    e = experiment(np.ones(5000), np.zeros(5000), motor_angle=np.zeros(5000))
+    assert lag_of(e) is None
