@@ -14,7 +14,7 @@ from drivetool.drive.compiled import COMPILE, HOT, ONCE, unit
 from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
-from drivetool.drive.system import CACHE, ORDER, SYSTEM
+from drivetool.drive.system import CACHE, SYSTEM
 from drivetool.drive.table import REALS, WHOLE, WHOLES
 
 NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
@@ -126,25 +126,29 @@ def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
 def next_term(a, u, nq, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
 
-    w  power series of the state; nq leading columns have a source dA z of their own
+    w  power series of the state; nq leading columns have a source dA z of their own. Columns are
+       innermost, so that the compiler makes vectors of them
     """
     nx, ns = v.shape
     for r in range(nx):
+        e = a[r, 0, 0] * g
         for q in range(ns):
-            y = 0.0
-            for j in range(nx):
-                y += a[r, j, 0] * v[j, q]
-            t[r, q] = y * g
-        for q in range(nq):
-            y = 0.0
-            for j in range(nx):
-                y += a[r, j, q + 1] * w[n, j]
-            y *= power
-            if n == 0:
-                y += a[r, nx + u.size, q + 1]
-                for j in range(u.size):
-                    y += a[r, nx + j, q + 1] * u[j]
-            t[r, q] += y * g
+            t[r, q] = e * v[0, q]
+        for j in range(1, nx):
+            e = a[r, j, 0] * g
+            for q in range(ns):
+                t[r, q] += e * v[j, q]
+        for j in range(nx):
+            e = w[n, j] * power * g
+            for q in range(nq):
+                t[r, q] += e * a[r, j, q + 1]
+        if n == 0:
+            for q in range(nq):
+                t[r, q] += g * a[r, nx + u.size, q + 1]
+            for j in range(u.size):
+                e = u[j] * g
+                for q in range(nq):
+                    t[r, q] += e * a[r, nx + j, q + 1]
 
 
 @njit(**ONCE)
@@ -155,12 +159,12 @@ def carry(a, u, big, w, v, t, te):
         for q in range(ns):
             v[r, q] = big[r, q]
     power = 1.0
-    for n in range(ORDER):
+    for n in range(w.shape[0] - 1):
         next_term(a, u, a.shape[2] - 1, w, n, power, te / (n + 1), v, t)
         for r in range(nx):
             for q in range(ns):
-                v[r, q] = t[r, q]
                 big[r, q] += t[r, q]
+        v, t = t, v
         power *= te
 
 
@@ -224,13 +228,13 @@ def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
         x[r] = c.vectors[1, r]
         for q in range(big.shape[1]):
             big[r, q] = c.columns[0, r, q]
-    guard_values(s.spring, s.slip_rows, x, c.guards[0])
-    classify(s.reach, c.guards[0], mode)
+    guard_values(s.spring, s.slip_rows, x, c.guards)
+    classify(s.reach, c.guards, mode)
 
 
-@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE, REALS[1])
-def rough_step(s, c, x, inputs, i, big, mode, part, new):
-    """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
+@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
+def rough_step(s, c, x, inputs, i, big, mode, part):
+    """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
     u, rest, events, fresh = inputs[i], s.spans[part], 0, 0
     for f in range(s.nf):
@@ -257,7 +261,6 @@ def rough_step(s, c, x, inputs, i, big, mode, part, new):
             switch(s, c.hold, net, mode, x, u, big, element, digit)
             fresh |= 1 << element
             events += 1
-    guard_values(s.spring, s.slip_rows, x, new)
 
 
 @unit(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)
