@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT, ONCE, unit
+from drivetool.drive.compiled import APART, COMPILE, ONCE, unit
 from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
@@ -122,7 +122,7 @@ def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     return te, element, digit
 
 
-@njit(**HOT)
+@njit(**APART)
 def next_term(a, u, nq, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
 

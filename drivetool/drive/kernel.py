@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import HOT
+from drivetool.drive.compiled import APART, HOT
 
 
 @njit(**HOT)
@@ -91,7 +91,7 @@ def predict(leap, k, x, u, i, b):
         b[r] = row_value(rows, r, x, u, i)
 
 
-@njit(**HOT)
+@njit(**APART)
 def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
     """First rows of t = leap big + dleap z; columns innermost, so that the compiler makes vectors of them."""
     nx, nu, nq, ns = x.size, u.shape[1], dleap.shape[3], big.shape[1]
@@ -115,7 +115,7 @@ def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
                 t[r, q] += dleap[k, r, nx + j, q] * e
 
 
-@njit(**HOT)
+@njit(**APART)
 def propagate_three(e, d, k, x, u, i, big, t):
     """The same for three states and one input, the two-mass drive: twice as fast unrolled."""
     x0, x1, x2, u0 = x[0], x[1], x[2], u[i, 0]
@@ -128,7 +128,7 @@ def propagate_three(e, d, k, x, u, i, big, t):
                         + (d[k, r, 2, q] * x2 + d[k, r, 3, q] * u0) + d[k, r, 4, q])
 
 
-@njit(**HOT)
+@njit(**APART)
 def propagate_five(e, d, k, x, u, i, big, t):
     """The same for the three-mass drive."""
     x0, x1, x2, x3, x4, u0 = x[0], x[1], x[2], x[3], x[4], u[i, 0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, ENTRY, HOT
+from drivetool.drive.compiled import APART, COMPILE, ENTRY, HOT
 from drivetool.drive.events import rough_step, switch_late
 from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
@@ -32,12 +32,13 @@ def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
     return v
 
 
-@njit(**HOT)
+@njit(**APART)
 def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col):
     """Derivative of output m over the ns columns."""
-    if picks[m] >= 0:
+    pick = picks[m]
+    if pick >= 0:
         for q in range(col.size):
-            col[q] = big[picks[m], q]
+            col[q] = big[pick, q]
         return
     for q in range(col.size):
         v = 0.0
@@ -56,7 +57,7 @@ def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, 
         col[q] += v
 
 
-@njit(**HOT)
+@njit(**APART)
 def use_measurement(gain, i, m, e, x, big, col, sens):
     """Correct the state by gain times the innovation e, and its sensitivities."""
     for j in range(x.size):
@@ -67,7 +68,7 @@ def use_measurement(gain, i, m, e, x, big, col, sens):
                 big[j, q] -= k * col[q]
 
 
-@njit(**HOT)
+@njit(**APART)
 def write_row(jac, i, m, col, g, e):
     """Row of the weighted Jacobian, the weighted residual in its last column."""
     last = col.size - 1
