@@ -10,35 +10,16 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import APART, COMPILE, ONCE, unit
+from drivetool.drive.compiled import COMPILE, ONCE, unit
 from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
+from drivetool.drive.series import carry, series
 from drivetool.drive.system import CACHE, SYSTEM
 from drivetool.drive.table import REALS, WHOLE, WHOLES
 
 NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
 MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter
-
-
-@njit(**ONCE)
-def series(a, x, u, w):
-    """Power series of the state: w (ORDER + 1, nx)."""
-    nx = x.size
-    for r in range(nx):
-        v = a[r, nx + u.size, 0]
-        for j in range(nx):
-            v += a[r, j, 0] * x[j]
-        for j in range(u.size):
-            v += a[r, nx + j, 0] * u[j]
-        w[0, r] = x[r]
-        w[1, r] = v
-    for k in range(2, w.shape[0]):
-        for r in range(nx):
-            v = 0.0
-            for j in range(nx):
-                v += a[r, j, 0] * w[k - 1, j]
-            w[k, r] = v / k
 
 
 @njit(**COMPILE)
@@ -120,52 +101,6 @@ def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
                 if t >= 0.0:
                     te, element, digit = t, e, 0 if side > 0.0 else 2
     return te, element, digit
-
-
-@njit(**APART)
-def next_term(a, u, nq, w, n, power, g, v, t):
-    """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
-
-    w  power series of the state; nq leading columns have a source dA z of their own. Columns are
-       innermost, so that the compiler makes vectors of them
-    """
-    nx, ns = v.shape
-    for r in range(nx):
-        e = a[r, 0, 0] * g
-        for q in range(ns):
-            t[r, q] = e * v[0, q]
-        for j in range(1, nx):
-            e = a[r, j, 0] * g
-            for q in range(ns):
-                t[r, q] += e * v[j, q]
-        for j in range(nx):
-            e = w[n, j] * power * g
-            for q in range(nq):
-                t[r, q] += e * a[r, j, q + 1]
-        if n == 0:
-            for q in range(nq):
-                t[r, q] += g * a[r, nx + u.size, q + 1]
-            for j in range(u.size):
-                e = u[j] * g
-                for q in range(nq):
-                    t[r, q] += e * a[r, nx + j, q + 1]
-
-
-@njit(**ONCE)
-def carry(a, u, big, w, v, t, te):
-    """Sensitivities across a stretch without event, as a power series."""
-    nx, ns = big.shape
-    for r in range(nx):
-        for q in range(ns):
-            v[r, q] = big[r, q]
-    power = 1.0
-    for n in range(w.shape[0] - 1):
-        next_term(a, u, a.shape[2] - 1, w, n, power, te / (n + 1), v, t)
-        for r in range(nx):
-            for q in range(ns):
-                big[r, q] += t[r, q]
-        v, t = t, v
-        power *= te
 
 
 @njit(**COMPILE)
@@ -252,7 +187,8 @@ def rough_step(s, c, x, inputs, i, big, mode, part):
         if events < MOST:
             te, element, digit = next_event(s, c.hold, net, mode, x, u, w, p, te, fresh)
         if te > 0.0:
-            carry(a, u, big, w, v, t, te)
+            if big.shape[1] > 0:
+                carry(a, u, big, w, v, t, te)
             for r in range(s.nx):
                 x[r] = horner(w[:, r], te)
             fresh = 0

@@ -5,10 +5,11 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, unit
-from drivetool.drive.events import MOST, load_on, next_event, next_term, series, switch, unlocated_step
+from drivetool.drive.events import MOST, load_on, next_event, switch, unlocated_step
 from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
+from drivetool.drive.series import next_term, series
 from drivetool.drive.smooth import ROUNDS, agree, eliminate, node_equations, parabola, response, start_columns
 from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
 from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
