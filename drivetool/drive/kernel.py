@@ -116,16 +116,33 @@ def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
 
 
 @njit(**APART)
-def propagate_three(e, d, k, x, u, i, big, t):
-    """The same for three states and one input, the two-mass drive: twice as fast unrolled."""
-    x0, x1, x2, u0 = x[0], x[1], x[2], u[i, 0]
-    for r in range(3):
-        e0, e1, e2 = e[k, r, 0], e[k, r, 1], e[k, r, 2]
-        for q in range(big.shape[1]):
-            t[r, q] = e0 * big[0, q] + e1 * big[1, q] + e2 * big[2, q]
-        for q in range(d.shape[3]):
-            t[r, q] += ((d[k, r, 0, q] * x0 + d[k, r, 1, q] * x1)
-                        + (d[k, r, 2, q] * x2 + d[k, r, 3, q] * u0) + d[k, r, 4, q])
+def turn_three(e, b0, b1, b2):
+    """Columns without a source of their own: three rows of big times e (3, nz), in place."""
+    for q in range(b0.size):
+        v0, v1, v2 = b0[q], b1[q], b2[q]
+        b0[q] = e[0, 0] * v0 + e[0, 1] * v1 + e[0, 2] * v2
+        b1[q] = e[1, 0] * v0 + e[1, 1] * v1 + e[1, 2] * v2
+        b2[q] = e[2, 0] * v0 + e[2, 1] * v1 + e[2, 2] * v2
+
+
+@njit(**APART)
+def propagate_three(e, d, x0, x1, x2, u0, b0, b1, b2):
+    """The same for three states and one input, the two-mass drive: in place, row by row of big.
+
+    e (3, nz) and d (3, nz, nq) are leap and dleap of the mode
+    """
+    nq = d.shape[2]
+    e00, e01, e02, e10, e11, e12 = e[0, 0], e[0, 1], e[0, 2], e[1, 0], e[1, 1], e[1, 2]
+    e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
+    for q in range(nq):
+        v0, v1, v2 = b0[q], b1[q], b2[q]
+        b0[q] = (e00 * v0 + e01 * v1 + e02 * v2) + ((d[0, 0, q] * x0 + d[0, 1, q] * x1)
+                                                    + (d[0, 2, q] * x2 + d[0, 3, q] * u0) + d[0, 4, q])
+        b1[q] = (e10 * v0 + e11 * v1 + e12 * v2) + ((d[1, 0, q] * x0 + d[1, 1, q] * x1)
+                                                    + (d[1, 2, q] * x2 + d[1, 3, q] * u0) + d[1, 4, q])
+        b2[q] = (e20 * v0 + e21 * v1 + e22 * v2) + ((d[2, 0, q] * x0 + d[2, 1, q] * x1)
+                                                    + (d[2, 2, q] * x2 + d[2, 3, q] * u0) + d[2, 4, q])
+    turn_three(e, b0[nq:], b1[nq:], b2[nq:])
 
 
 @njit(**APART)
@@ -145,8 +162,9 @@ def propagate_five(e, d, k, x, u, i, big, t):
 def propagate(leap, dleap, k, x, u, i, big, t):
     """big = leap big + dleap z, through the scratch t."""
     if x.size == 3 and u.shape[1] == 1:
-        propagate_three(leap, dleap, k, x, u, i, big, t)
-    elif x.size == 5 and u.shape[1] == 1:
+        propagate_three(leap[k], dleap[k], x[0], x[1], x[2], u[i, 0], big[0], big[1], big[2])
+        return
+    if x.size == 5 and u.shape[1] == 1:
         propagate_five(leap, dleap, k, x, u, i, big, t)
     else:
         propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
