@@ -15,6 +15,7 @@ from tests.test_kernel import (
     kernel,
     levels,
     plant_of,
+    rms,
     start_of,
 )
 
@@ -183,6 +184,25 @@ def test_coarse_sampling(seed, law):
     error, events, located = compared(machine, levels(machine, 120, seed, hold=3), step)
     assert events["contact_lost"] > 5 and events.total() > located / 2
     assert error < GAP_BAR
+
+
+@pytest.mark.parametrize(("radians", "hold", "n"), [(3.0, 1, 200), (6.0, 3, 120)])
+@pytest.mark.parametrize(("law", "seed"), [("inside", 0), ("inside", 2), ("inside", 5), ("inside", 7),
+                                            ("always", 1), ("always", 3), ("always", 4), ("always", 6)])
+def test_samples_long_against_the_poles(radians, hold, n, law, seed):
+    """Half a period of the resonance in a sample, or a whole one; up to ten events in it.
+
+    The record must not amplify rounding errors, or those of either side would be compared.
+    """
+    machine = machine_by_seed(seed, gap=0.02, friction=True, law=law)
+    step = radians / np.sqrt(machine.stiffness[0] * sum(1.0 / j for j in machine.inertia))
+    torque = levels(machine, n, seed, hold)
+    error, events, located = compared(machine, torque, step)
+    assert events.total() > located > n / 4 and events["contact_made"] > n / 5
+    assert error < GAP_BAR
+    speeds, fine, near = (kernel(m, np.repeat(torque, k), step / k)[0][::k] for m, k in (
+        (machine, 1), (machine, 8), (changed(machine, stiffness=(machine.stiffness[0] * (1.0 + 1e-10),)), 1)))
+    assert rms(near - speeds) < 1e-6 and rms(fine - speeds) < REACHED
 
 
 @pytest.mark.parametrize("factor", [4, 16])

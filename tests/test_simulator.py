@@ -101,6 +101,21 @@ def test_release_and_capture_at_the_start_of_a_step(excess):
     np.testing.assert_allclose(coarse.speeds, fine.speeds[::10], atol=1e-12)
 
 
+@pytest.mark.parametrize("when", [0.01, 0.05, 0.5, 0.95, 0.99])
+def test_a_touch_anywhere_in_a_long_flight_is_seen(when):
+    """Across the gap motion is a parabola, so that the integrator flies over a whole sample in one step.
+
+    It reaches 1e-8 rad into the contact, so little that the contact hardly turns the parabola.
+    """
+    machine = Machine((1.0, 1.0), stiffness=(1e4,), half_gap=(1e-3,))
+    # Twist 1e-3 + 1e-8 - 4 (t - when h)^2 for a torque of -8 Nm on one of the bodies.
+    step, torque = 0.01, np.full(1, -8.0)
+    start = State((8.0 * when * step, 0.0), (1e-3 + 1e-8 - 4.0 * (when * step) ** 2,))
+    coarse, fine = (simulate(machine, np.repeat(torque, k), step / k, start) for k in (1, 1000))
+    assert coarse.events == fine.events and fine.events["contact_made"] == 1
+    np.testing.assert_allclose(coarse.end.speeds, fine.end.speeds, atol=1e-12)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.025, 0.03])
 def test_a_break_that_heals_between_two_looks_is_seen(step):
     """The shaft torque of a swinging load tops the motor's Coulomb level by 1e-5 of it."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache
 from itertools import accumulate
 from operator import mul
+from types import MappingProxyType
 from typing import Literal, TypeVar
 
 from drivetool.drive.dual import Dual
@@ -45,24 +46,14 @@ class Drive:
     motion_unit: str = "rad"
     damping_law: DampingLaw = "inside"
 
-    @cached_property
-    def quantities(self) -> dict[str, Quantity]:
+    @property
+    def quantities(self) -> Mapping[str, Quantity]:
         """Every parameter this chain can have, in a fixed order."""
-        found = {}
-        for effect, owner, _ in self.effects():
-            for suffix, quantity in effect.quantities.items():
-                found[f"{owner}.{suffix}"] = quantity
-        for total, suffix in TOTALS.items():
-            found[total] = found[f"{self.bodies[0]}.{suffix}"]
-        return found
+        return _quantities(self.bodies, self.shafts)
 
-    def effects(self) -> Iterator[tuple[Effect, str, int]]:
+    def effects(self) -> tuple[tuple[Effect, str, int], ...]:
         """(effect, owner, index of the owner) for everything that can act here."""
-        for effect in EFFECTS:
-            owners = {"body": self.bodies, "shaft": self.shafts, "path": ("converter",),
-                      "sensor": ("sensor",)}[effect.of]
-            for index, owner in enumerate(owners):
-                yield effect, owner, index
+        return _effects(self.bodies, self.shafts)
 
     def quantity(self, name: str) -> Quantity:
         """The kind of a parameter; BadParameters suggests the nearest name."""
@@ -133,6 +124,22 @@ class Drive:
                 f"values of {', '.join(lacking)} for {why}",
                 f"only {', '.join(self.values)}" if self.values else "none",
                 "Run the step before this one and pass its file with --params, or use --set.")
+
+
+# Every trial point of a fit is a drive of its own, of the same bodies and shafts.
+@cache
+def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Effect, str, int], ...]:
+    owners = {"body": bodies, "shaft": shafts, "path": ("converter",), "sensor": ("sensor",)}
+    return tuple((effect, owner, index) for effect in EFFECTS for index, owner in enumerate(owners[effect.of]))
+
+
+@cache
+def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> Mapping[str, Quantity]:
+    found = {f"{owner}.{suffix}": quantity for effect, owner, _ in _effects(bodies, shafts)
+             for suffix, quantity in effect.quantities.items()}
+    for total, suffix in TOTALS.items():
+        found[total] = found[f"{bodies[0]}.{suffix}"]
+    return MappingProxyType(found)
 
 
 def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> list[Number]:

@@ -17,6 +17,7 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
 KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
@@ -53,11 +54,20 @@ def _prune(folder: Path) -> None:
 numba.config.CACHE_DIR = _cache_folder()
 _prune(Path(numba.config.CACHE_DIR))
 
+class _Apart(Compiler):
+    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        flags.noalias = True
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
 # The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
 # every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
 PLAIN = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
 COMPILE = {**PLAIN, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 HOT = {**COMPILE, "forceinline": True}
+# The same where no array that is written overlaps another argument: else the compiler tests for that
+# at every call, and takes vectors only for loops so long that the test pays.
+APART = {**HOT, "pipeline_class": _Apart}
 ONCE = {**COMPILE, "inline": "always"}  # what is called from one place
 ENTRY = {**PLAIN, "cache": True, "no_cfunc_wrapper": True}  # what Python calls
 LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law

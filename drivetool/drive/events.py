@@ -10,35 +10,16 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT, ONCE, unit
+from drivetool.drive.compiled import COMPILE, ONCE, unit
 from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
-from drivetool.drive.system import CACHE, ORDER, SYSTEM
+from drivetool.drive.series import carry, series
+from drivetool.drive.system import CACHE, SYSTEM
 from drivetool.drive.table import REALS, WHOLE, WHOLES
 
 NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
 MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter
-
-
-@njit(**ONCE)
-def series(a, x, u, w):
-    """Power series of the state: w (ORDER + 1, nx)."""
-    nx = x.size
-    for r in range(nx):
-        v = a[r, nx + u.size, 0]
-        for j in range(nx):
-            v += a[r, j, 0] * x[j]
-        for j in range(u.size):
-            v += a[r, nx + j, 0] * u[j]
-        w[0, r] = x[r]
-        w[1, r] = v
-    for k in range(2, w.shape[0]):
-        for r in range(nx):
-            v = 0.0
-            for j in range(nx):
-                v += a[r, j, 0] * w[k - 1, j]
-            w[k, r] = v / k
 
 
 @njit(**COMPILE)
@@ -122,48 +103,6 @@ def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     return te, element, digit
 
 
-@njit(**HOT)
-def next_term(a, u, nq, w, n, power, g, v, t):
-    """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
-
-    w  power series of the state; nq leading columns have a source dA z of their own
-    """
-    nx, ns = v.shape
-    for r in range(nx):
-        for q in range(ns):
-            y = 0.0
-            for j in range(nx):
-                y += a[r, j, 0] * v[j, q]
-            t[r, q] = y * g
-        for q in range(nq):
-            y = 0.0
-            for j in range(nx):
-                y += a[r, j, q + 1] * w[n, j]
-            y *= power
-            if n == 0:
-                y += a[r, nx + u.size, q + 1]
-                for j in range(u.size):
-                    y += a[r, nx + j, q + 1] * u[j]
-            t[r, q] += y * g
-
-
-@njit(**ONCE)
-def carry(a, u, big, w, v, t, te):
-    """Sensitivities across a stretch without event, as a power series."""
-    nx, ns = big.shape
-    for r in range(nx):
-        for q in range(ns):
-            v[r, q] = big[r, q]
-    power = 1.0
-    for n in range(ORDER):
-        next_term(a, u, a.shape[2] - 1, w, n, power, te / (n + 1), v, t)
-        for r in range(nx):
-            for q in range(ns):
-                v[r, q] = t[r, q]
-                big[r, q] += t[r, q]
-        power *= te
-
-
 @njit(**COMPILE)
 def load_on(net, x, u):
     """Torque on a body without its Coulomb friction."""
@@ -224,13 +163,13 @@ def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
         x[r] = c.vectors[1, r]
         for q in range(big.shape[1]):
             big[r, q] = c.columns[0, r, q]
-    guard_values(s.spring, s.slip_rows, x, c.guards[0])
-    classify(s.reach, c.guards[0], mode)
+    guard_values(s.spring, s.slip_rows, x, c.guards)
+    classify(s.reach, c.guards, mode)
 
 
-@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE, REALS[1])
-def rough_step(s, c, x, inputs, i, big, mode, part, new):
-    """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
+@unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
+def rough_step(s, c, x, inputs, i, big, mode, part):
+    """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, v, t = c.series, c.poly, c.columns[1], c.columns[2]
     u, rest, events, fresh = inputs[i], s.spans[part], 0, 0
     for f in range(s.nf):
@@ -248,7 +187,8 @@ def rough_step(s, c, x, inputs, i, big, mode, part, new):
         if events < MOST:
             te, element, digit = next_event(s, c.hold, net, mode, x, u, w, p, te, fresh)
         if te > 0.0:
-            carry(a, u, big, w, v, t, te)
+            if big.shape[1] > 0:
+                carry(a, u, big, w, v, t, te)
             for r in range(s.nx):
                 x[r] = horner(w[:, r], te)
             fresh = 0
@@ -257,7 +197,6 @@ def rough_step(s, c, x, inputs, i, big, mode, part, new):
             switch(s, c.hold, net, mode, x, u, big, element, digit)
             fresh |= 1 << element
             events += 1
-    guard_values(s.spring, s.slip_rows, x, new)
 
 
 @unit(SYSTEM, CACHE, REALS[1], REALS[1], REALS[1], REALS[2], WHOLES[1], WHOLE)

@@ -6,7 +6,7 @@ from numba import njit
 
 from drivetool.drive.compiled import COMPILE, ENTRY, HOT
 from drivetool.drive.events import rough_step
-from drivetool.drive.kernel import forget
+from drivetool.drive.kernel import fading, forget
 from drivetool.drive.laws import slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.run import law_part, output_row, plain_step, reclassify, show
@@ -112,18 +112,18 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
     """
     s, c = read_system(system), read_cache(cache)
     nx = s.nx
-    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
+    leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
-    n, parts, early, number = mode.size, s.spans.size, s.early, -1
+    n, parts, early, fades, number = mode.size, s.spans.size, s.early, fading(memory), -1
     row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
-    f, t, new, old = c.transition, c.columns[0], c.guards[0], c.guards[1]
-    reclassify(spring, slip_rows, reach, x, mode, old)
+    f, t = c.transition, c.columns[0]
+    reclassify(spring, slip_rows, reach, x, mode, guards)
     for i in range(u.shape[0]):
         if smooth is not None and read_laws(smooth).shown:
             show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, f)
         correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
-        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
+        if n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             number = -1
         for j in range(nx):
             for m in range(nx):
@@ -136,17 +136,14 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
             if smooth is None and (number < 0 or parts > 1):
                 number = lookup(s, c, mode, part)
             if smooth is not None:
-                number, _ = law_part(s, c, read_laws(smooth), number, x, held, i, clock, f, mode, part, b, new, old)
+                number, _ = law_part(s, c, read_laws(smooth), number, x, held, i, clock, f, mode, part, b)
                 number = lookup(s, c, mode, part) if number < 0 else number
                 clock += s.spans[part]
-            elif not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, number,
-                                x, held, i, f, mode, b, t, new, old):
-                rough_step(c.rough, s, c, x, held, i, f, mode, part, new)
+            elif not plain_step(leap, dleap, watch, looks, reach, level, number, x, held, i, f, mode, b, t):
+                rough_step(c.rough, s, c, x, held, i, f, mode, part)
                 number = lookup(s, c, mode, part)
-            for e in range(n):
-                old[e] = new[e]
             add_noise(leap, number, row, b)
         if smooth is not None:
             f[read_laws(smooth).first:] = 0.0
-        forget(memory, x, f)
+        forget(memory, fades, x, f)
         advance_covariance(p, f, row, q, extra, t)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import HOT
+from drivetool.drive.compiled import APART, HOT
 
 
 @njit(**HOT)
@@ -40,43 +40,45 @@ def classify(reach, v, mode):
 
 
 @njit(**HOT)
-def row_value(rows, k, e, x, u, i):
-    """rows[k, e] [x, u[i], 1]."""
+def row_value(rows, r, x, u, i):
+    """rows[r] [x, u[i], 1]; two and three masses without a loop, which is twice as fast."""
     nx, nu = x.size, u.shape[1]
-    if nx == 3 and nu == 1:
-        return ((rows[k, e, 0] * x[0] + rows[k, e, 1] * x[1])
-                + (rows[k, e, 2] * x[2] + rows[k, e, 3] * u[i, 0]) + rows[k, e, 4])
-    v = rows[k, e, nx + nu]
-    for j in range(nx):
-        v += rows[k, e, j] * x[j]
+    if nu == 1 and nx == 3:
+        return ((rows[r, 0] * x[0] + rows[r, 1] * x[1])
+                + (rows[r, 2] * x[2] + rows[r, 3] * u[i, 0]) + rows[r, 4])
+    if nu == 1 and nx == 5:
+        return ((rows[r, 0] * x[0] + rows[r, 1] * x[1]) + (rows[r, 2] * x[2] + rows[r, 3] * x[3])
+                + (rows[r, 4] * x[4] + (rows[r, 5] * u[i, 0] + rows[r, 6])))
+    v = rows[r, nx + nu]
     for j in range(nu):
-        v += rows[k, e, nx + j] * u[i, j]
+        v += rows[r, nx + j] * u[i, j]
+    for j in range(nx):
+        v += rows[r, j] * x[j]
     return v
 
 
 @njit(**HOT)
-def stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
+def stays(watch, looks, reach, level, k, mode, x, b, u, i):
     """Whether mode k holds from x to b: guard values at both ends, between, and in dips unseen.
 
-    old, new  (elements,) contact torques and speeds at x and b. Between equal instants a curve
-              dips below its lowest value by an eighth of its second difference; twice is allowed.
+    Between equal instants a curve dips below its lowest value by an eighth of its second
+    difference; twice is allowed.
     """
     for e in range(mode.size):
-        f = e - reach.shape[0]
-        if f >= 0 and mode[e] == 1:
-            bound, first, last = level[f, 0], row_value(net, k, f, x, u, i), row_value(net, k, f, b, u, i)
-        else:
-            bound, first, last = reach[e, 0] if f < 0 else 0.0, old[e], new[e]
+        f, rows = e - reach.shape[0], watch[k, e]
+        digit = mode[e]
+        first, last = row_value(rows, 0, x, u, i), row_value(rows, 0, b, u, i)
         low, high, bend = min(first, last), max(first, last), 0.0
         before, now = first, first
-        for m in range(looks[k]):
-            v = row_value(watch[k], e, m, x, u, i)
+        for m in range(1, looks[k] + 1):
+            v = row_value(rows, m, x, u, i)
             low, high = min(low, v), max(high, v)
-            bend = max(bend, abs(v - 2.0 * now + before) if m > 0 else 0.0)
+            bend = max(bend, abs(v - 2.0 * now + before) if m > 1 else 0.0)
             before, now = now, v
         bend = max(bend, abs(last - 2.0 * now + before))
-        inside, ahead = bound - max(high, -low), (low if mode[e] == 0 else -high) - bound
-        if (inside if mode[e] == 1 else ahead) < 0.25 * bend:
+        bound = reach[e, 0] if f < 0 else level[f, 0] if digit == 1 else 0.0
+        inside, ahead = bound - max(high, -low), (low if digit == 0 else -high) - bound
+        if (inside if digit == 1 else ahead) < 0.25 * bend:
             return False
     return True
 
@@ -84,23 +86,12 @@ def stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
 @njit(**HOT)
 def predict(leap, k, x, u, i, b):
     """b = leap [x, u[i], 1]."""
-    nx, nu = x.size, u.shape[1]
-    if nx == 3 and nu == 1:
-        x0, x1, x2, u0 = x[0], x[1], x[2], u[i, 0]
-        for r in range(3):
-            b[r] = ((leap[k, r, 0] * x0 + leap[k, r, 1] * x1)
-                    + (leap[k, r, 2] * x2 + leap[k, r, 3] * u0) + leap[k, r, 4])
-        return
-    for r in range(nx):
-        v = leap[k, r, nx + nu]
-        for j in range(nu):
-            v += leap[k, r, nx + j] * u[i, j]
-        for j in range(nx):
-            v += leap[k, r, j] * x[j]
-        b[r] = v
+    rows = leap[k]
+    for r in range(x.size):
+        b[r] = row_value(rows, r, x, u, i)
 
 
-@njit(**HOT)
+@njit(**APART)
 def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
     """First rows of t = leap big + dleap z; columns innermost, so that the compiler makes vectors of them."""
     nx, nu, nq, ns = x.size, u.shape[1], dleap.shape[3], big.shape[1]
@@ -124,24 +115,57 @@ def propagate_any(leap, dleap, k, x, u, i, big, rows, t):
                 t[r, q] += dleap[k, r, nx + j, q] * e
 
 
-@njit(**HOT)
-def propagate_three(e, d, k, x, u, i, big, t):
-    """The same for three states and one input, the two-mass drive: twice as fast unrolled."""
-    x0, x1, x2, u0 = x[0], x[1], x[2], u[i, 0]
-    for r in range(3):
-        e0, e1, e2 = e[k, r, 0], e[k, r, 1], e[k, r, 2]
+@njit(**APART)
+def turn_three(e, b0, b1, b2):
+    """Columns without a source of their own: three rows of big times e (3, nz), in place."""
+    for q in range(b0.size):
+        v0, v1, v2 = b0[q], b1[q], b2[q]
+        b0[q] = e[0, 0] * v0 + e[0, 1] * v1 + e[0, 2] * v2
+        b1[q] = e[1, 0] * v0 + e[1, 1] * v1 + e[1, 2] * v2
+        b2[q] = e[2, 0] * v0 + e[2, 1] * v1 + e[2, 2] * v2
+
+
+@njit(**APART)
+def propagate_three(e, d, x0, x1, x2, u0, b0, b1, b2):
+    """The same for three states and one input, the two-mass drive: in place, row by row of big.
+
+    e (3, nz) and d (3, nz, nq) are leap and dleap of the mode
+    """
+    nq = d.shape[2]
+    e00, e01, e02, e10, e11, e12 = e[0, 0], e[0, 1], e[0, 2], e[1, 0], e[1, 1], e[1, 2]
+    e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
+    for q in range(nq):
+        v0, v1, v2 = b0[q], b1[q], b2[q]
+        b0[q] = (e00 * v0 + e01 * v1 + e02 * v2) + ((d[0, 0, q] * x0 + d[0, 1, q] * x1)
+                                                    + (d[0, 2, q] * x2 + d[0, 3, q] * u0) + d[0, 4, q])
+        b1[q] = (e10 * v0 + e11 * v1 + e12 * v2) + ((d[1, 0, q] * x0 + d[1, 1, q] * x1)
+                                                    + (d[1, 2, q] * x2 + d[1, 3, q] * u0) + d[1, 4, q])
+        b2[q] = (e20 * v0 + e21 * v1 + e22 * v2) + ((d[2, 0, q] * x0 + d[2, 1, q] * x1)
+                                                    + (d[2, 2, q] * x2 + d[2, 3, q] * u0) + d[2, 4, q])
+    turn_three(e, b0[nq:], b1[nq:], b2[nq:])
+
+
+@njit(**APART)
+def propagate_five(e, d, k, x, u, i, big, t):
+    """The same for the three-mass drive."""
+    x0, x1, x2, x3, x4, u0 = x[0], x[1], x[2], x[3], x[4], u[i, 0]
+    for r in range(5):
+        e0, e1, e2, e3, e4 = e[k, r, 0], e[k, r, 1], e[k, r, 2], e[k, r, 3], e[k, r, 4]
         for q in range(big.shape[1]):
-            t[r, q] = e0 * big[0, q] + e1 * big[1, q] + e2 * big[2, q]
+            t[r, q] = (e0 * big[0, q] + e1 * big[1, q]) + (e2 * big[2, q] + e3 * big[3, q]) + e4 * big[4, q]
         for q in range(d.shape[3]):
-            t[r, q] += ((d[k, r, 0, q] * x0 + d[k, r, 1, q] * x1)
-                        + (d[k, r, 2, q] * x2 + d[k, r, 3, q] * u0) + d[k, r, 4, q])
+            t[r, q] += ((d[k, r, 0, q] * x0 + d[k, r, 1, q] * x1) + (d[k, r, 2, q] * x2 + d[k, r, 3, q] * x3)
+                        + (d[k, r, 4, q] * x4 + d[k, r, 5, q] * u0) + d[k, r, 6, q])
 
 
 @njit(**HOT)
 def propagate(leap, dleap, k, x, u, i, big, t):
     """big = leap big + dleap z, through the scratch t."""
     if x.size == 3 and u.shape[1] == 1:
-        propagate_three(leap, dleap, k, x, u, i, big, t)
+        propagate_three(leap[k], dleap[k], x[0], x[1], x[2], u[i, 0], big[0], big[1], big[2])
+        return
+    if x.size == 5 and u.shape[1] == 1:
+        propagate_five(leap, dleap, k, x, u, i, big, t)
     else:
         propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
     for r in range(x.size):
@@ -150,10 +174,18 @@ def propagate(leap, dleap, k, x, u, i, big, t):
 
 
 @njit(**HOT)
-def forget(memory, x, big):
-    """Let the disturbance state decay from one sample to the next."""
-    for r in range(x.size):
-        if memory[r] != 1.0:
-            x[r] *= memory[r]
-            for q in range(big.shape[1]):
-                big[r, q] *= memory[r]
+def fading(memory):
+    """The disturbance state, the only one that decays from sample to sample; -1 if there is none."""
+    found = -1
+    for r in range(memory.size):
+        found = r if memory[r] != 1.0 else found
+    return found
+
+
+@njit(**HOT)
+def forget(memory, r, x, big):
+    """Let state r decay from one sample to the next, unless r is -1."""
+    if r >= 0:
+        x[r] *= memory[r]
+        for q in range(big.shape[1]):
+            big[r, q] *= memory[r]

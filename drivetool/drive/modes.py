@@ -107,14 +107,14 @@ def let_rest(s, leap, mode):
 
 @njit(**ONCE)
 def look_ahead(s, c, mode, k, h):
-    """Rows that give every guard at equally spaced instants inside a part of h seconds."""
+    """Rows that give every guard at the start of a part of h seconds and equally spaced inside."""
     a, rate, row = c.flow[k], c.rate[k], c.lines[0]
     count = 0 if not rate * h < STIFF else min(max(int(np.ceil(rate * h)) - 1, 1), LOOKS)
     c.looks[k] = count
     gap = h / (count + 1)
     pieces = max(int(np.ceil(2.0 * rate * gap)), 1) if count > 0 else 1
     for e in range(s.ng + s.nf):
-        f = e - s.ng
+        f, watch = e - s.ng, c.watch[k, e]
         for j in range(row.size):
             row[j] = c.net[k, f, j] if f >= 0 and mode[e] == 1 else 0.0
         if f < 0:
@@ -122,11 +122,13 @@ def look_ahead(s, c, mode, k, h):
                 row[j] = s.spring[e, j, 0]
         elif mode[e] != 1:
             row[s.slip_rows[f]] = 1.0
+        for j in range(row.size):
+            watch[0, j] = row[j]
         for m in range(count):
             for _ in range(pieces):
                 advance_row(a, row, c.lines[1], c.lines[2], gap / pieces)
             for j in range(row.size):
-                c.watch[k, e, m, j] = row[j]
+                watch[m + 1, j] = row[j]
 
 
 @njit(**ONCE)

@@ -27,21 +27,25 @@ def slope(p, t):
 
 @njit(**COMPILE)
 def bracketed(p, lo, hi):
-    """Root of p between lo, where p > 0, and hi, where p < 0 (Illinois)."""
-    fl, fh = horner(p, lo), horner(p, hi)
-    for _ in range(100):
-        t = (lo * fh - hi * fl) / (fh - fl)
-        if not lo < t < hi:
+    """Root of p between lo, where p > 0, and hi, where p < 0: Newton's steps, halving where one leads out."""
+    first, last = horner(p, lo), horner(p, hi)
+    t = (lo * last - hi * first) / (last - first)
+    for trial in range(100):
+        if trial > 20 or not lo < t < hi:
             t = 0.5 * (lo + hi)
-        v = horner(p, t)
+        v, d = 0.0, 0.0
+        for k in range(p.size - 1, -1, -1):
+            d = d * t + v
+            v = v * t + p[k]
         if v == 0.0 or hi - lo < 1e-15 * hi:
             return t
         if v > 0.0:
-            lo, fl = t, v
-            fh *= 0.5
+            lo = t
         else:
-            hi, fh = t, v
-            fl *= 0.5
+            hi = t
+        t -= v / d
+        if abs(v) < 1e-15 * t * abs(d):
+            return t
     return hi
 
 
@@ -83,7 +87,7 @@ def first_exit(p, end, fresh, span, noise):
         return 0.0
     if horner(p, end) < 0.0:
         return bracketed(p, 0.0, end)
-    if slope(p, 0.0) < 0.0 and slope(p, end) > 0.0:  # may dip below and come back
+    if p[1] < 0.0 and slope(p, end) > 0.0:  # may dip below and come back
         lo, hi = 0.0, end
         for _ in range(60):
             t = 0.5 * (lo + hi)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, ENTRY, HOT
+from drivetool.drive.compiled import APART, COMPILE, ENTRY, HOT
 from drivetool.drive.events import rough_step, switch_late
-from drivetool.drive.kernel import classify, forget, guard_values, predict, propagate, stays
+from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
 from drivetool.drive.smooth import law_step
@@ -17,11 +17,11 @@ from drivetool.drive.system import read_cache, read_laws, read_system
 @njit(**HOT)
 def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
     """Output m at x; row (nx,) gets its derivative over the state."""
-    v = 0.0
+    v, pick = 0.0, picks[m]
     for j in range(x.size):
         row[j] = outputs[m, j, 0]
-    if picks[m] >= 0:
-        return x[picks[m]]
+    if pick >= 0:
+        return x[pick]
     gap = output_gap[m]
     if gap >= 0 and mode[gap] != 1:
         for j in range(x.size):
@@ -32,12 +32,13 @@ def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
     return v
 
 
-@njit(**HOT)
+@njit(**APART)
 def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col):
     """Derivative of output m over the ns columns."""
-    if picks[m] >= 0:
+    pick = picks[m]
+    if pick >= 0:
         for q in range(col.size):
-            col[q] = big[picks[m], q]
+            col[q] = big[pick, q]
         return
     for q in range(col.size):
         v = 0.0
@@ -56,7 +57,7 @@ def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, 
         col[q] += v
 
 
-@njit(**HOT)
+@njit(**APART)
 def use_measurement(gain, i, m, e, x, big, col, sens):
     """Correct the state by gain times the innovation e, and its sensitivities."""
     for j in range(x.size):
@@ -67,7 +68,7 @@ def use_measurement(gain, i, m, e, x, big, col, sens):
                 big[j, q] -= k * col[q]
 
 
-@njit(**HOT)
+@njit(**APART)
 def write_row(jac, i, m, col, g, e):
     """Row of the weighted Jacobian, the weighted residual in its last column."""
     last = col.size - 1
@@ -84,7 +85,7 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
 
 
 @njit(**HOT)
-def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, new, old):
+def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b):
     """Carry x and big over a part of a sample; (slot of the mode, whether it was free of events).
 
     k  slot of the mode, or -1 if it has to be looked up
@@ -93,9 +94,9 @@ def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, new, old):
         set_hold(s, c, laws, clock)
     if k < 0 or s.spans.size > 1:
         k = lookup(s, c, mode, part)
-    if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0], new, old):
+    if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0]):
         return k, True
-    law_rough_step(laws.rough, s, c, laws, x, held, i, clock, big, mode, part, new)
+    law_rough_step(laws.rough, s, c, laws, x, held, i, clock, big, mode, part)
     return -1, False
 
 
@@ -103,7 +104,8 @@ def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, new, old):
 def observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac):
     """The outputs of sample i, their weighted sensitivities, and the correction by the observer."""
     for m in range(out.shape[1]):
-        v = output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
+        pick = picks[m]
+        v = x[pick] if pick >= 0 else output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
         out[i, m] = v
         known = y[i, m] == y[i, m]
         e = y[i, m] - v if known else 0.0
@@ -127,14 +129,11 @@ def slots(s, c, mode):
 
 
 @njit(**HOT)
-def plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x, u, i, big, mode,
-                b, t, new, old):
+def plain_step(leap, dleap, watch, looks, reach, level, k, x, u, i, big, mode, b, t):
     """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
     predict(leap, k, x, u, i, b)
-    if mode.size > 0:
-        guard_values(spring, slip_rows, b, new)
-        if not stays(reach, level, net, watch, looks, k, mode, x, b, u, i, old, new):
-            return False
+    if not stays(watch, looks, reach, level, k, mode, x, b, u, i):
+        return False
     if big.shape[1] > 0:
         propagate(leap, dleap, k, x, u, i, big, t)
     for r in range(x.size):
@@ -161,16 +160,14 @@ def run(system, cache, smooth, clock, u, late, y, gain, weight, x, big, mode, fr
     returns  samples in which events were located
     """
     s, c = read_system(system), read_cache(cache)
-    leap, dleap, net, watch, looks = c.leap, c.dleap, c.net, c.watch, c.looks
+    leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
     n, parts, early = mode.size, s.spans.size, s.early
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
-    new, old = c.guards[0], c.guards[1]
-    guard_values(spring, slip_rows, x, old)
     if fresh:
-        classify(reach, old, mode)
-    observed, located, first, last = gain.shape[0] > 0, 0, -1, -1
+        reclassify(spring, slip_rows, reach, x, mode, guards)
+    observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
     for i in range(u.shape[0]):
         if states.shape[0] > 0:
             for j in range(x.size):
@@ -178,28 +175,24 @@ def run(system, cache, smooth, clock, u, late, y, gain, weight, x, big, mode, fr
         if smooth is not None and read_laws(smooth).shown:
             show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, big)
         observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac)
-        if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, old):
+        if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             first = -1
         for part in range(parts):
             held = late if part < early else u
             if smooth is not None:
-                first, free = law_part(s, c, read_laws(smooth), first, x, held, i, clock, big, mode, part,
-                                       b, new, old)
+                first, free = law_part(s, c, read_laws(smooth), first, x, held, i, clock, big, mode, part, b)
                 located += not free
                 clock += s.spans[part]
             else:
                 if first < 0:
                     first, last = slots(s, c, mode)
                 k = first if part == 0 else last
-                if not plain_step(leap, dleap, net, watch, looks, spring, slip_rows, reach, level, k, x,
-                                  held, i, big, mode, b, t, new, old):
-                    rough_step(c.rough, s, c, x, held, i, big, mode, part, new)
+                if not plain_step(leap, dleap, watch, looks, reach, level, k, x, held, i, big, mode, b, t):
+                    rough_step(c.rough, s, c, x, held, i, big, mode, part)
                     located += 1
                     first = -1
-            for e in range(n):
-                old[e] = new[e]
             if c.late != 0 and part + 1 == early:
                 switch_late(c.late, s, c, x, u[i], late[i], big, mode, first)
                 first = -1
-        forget(memory, x, big)
+        forget(memory, fades, x, big)
     return located

@@ -10,7 +10,7 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
-from drivetool.drive.kernel import guard_values, predict, propagate_any, stays
+from drivetool.drive.kernel import predict, propagate_any, stays
 from drivetool.drive.laws import gap_side, law_at, torque_columns
 from drivetool.drive.system import CACHE, LAWS, SYSTEM
 from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
@@ -35,7 +35,7 @@ def agree(found, m, middle, last):
 
 
 @njit(**HOT)
-def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, new, old):
+def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
     """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
     h, nl, n = s.spans[part], laws.code.size, laws.first
     found = laws.found
@@ -64,10 +64,8 @@ def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, new, old):
         for m in range(nl):
             x[n + 3 * m + 1] = x[n + 3 * m + 2] = 0.0
         return False
-    if mode.size > 0:
-        guard_values(s.spring, s.slip_rows, b, new)
-        if not stays(s.reach, c.hold, c.net, c.watch, c.looks, k, mode, x, b, u, i, old, new):
-            return False
+    if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
+        return False
     if big.shape[1] > 0:
         law_columns(laws.columns, s, c, laws, k, h, x, u, i, mode, mid, b, big)
     for r in range(n):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, unit
-from drivetool.drive.events import MOST, load_on, next_event, next_term, series, switch, unlocated_step
-from drivetool.drive.kernel import guard_values
+from drivetool.drive.events import MOST, load_on, next_event, switch, unlocated_step
 from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
+from drivetool.drive.series import next_term, series
 from drivetool.drive.smooth import ROUNDS, agree, eliminate, node_equations, parabola, response, start_columns
 from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
 from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
@@ -127,9 +127,9 @@ def rest_columns(s, laws, x, mode, big):
             big[at + 1, q] = big[at + 2, q] = 0.0
 
 
-@unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE, REALS[1])
-def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
-    """Carry x, sensitivities and mode over one part of a sample; new gets the guard values at its end."""
+@unit(SYSTEM, CACHE, LAWS, REALS[1], REALS[2], WHOLE, REAL, REALS[2], WHOLES[1], WHOLE)
+def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part):
+    """Carry x, sensitivities and mode over one part of a sample under inputs[i]."""
     w, p, u = c.series, c.poly, inputs[i]
     whole, rest, events, fresh, failed = s.spans[part], s.spans[part], 0, 0, 0
     for r in range(s.nx):
@@ -174,7 +174,6 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part, new):
     for m in range(laws.code.size):
         at = laws.first + 3 * m
         x[at + 1] = x[at + 2] = 0.0
-    guard_values(s.spring, s.slip_rows, x, new)
 
 
 @njit(**COMPILE)

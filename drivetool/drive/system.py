@@ -118,17 +118,18 @@ class Cache(NamedTuple):
     leap   (cap, nx, nz)            x after the part of a sample = leap z
     dleap  (cap, nx, nz, nq)        its derivative
     net    (cap, nf, nz)            torque on a body without its Coulomb friction
-    watch  (cap, elements, LOOKS, nz)  guard value at instants inside the part, over z at its start
+    watch  (cap, elements, LOOKS + 1, nz)  guard value at the start of the part and at instants inside,
+           over z at its start
     mid    (cap, nx, nz)            x in the middle of the part, dmid its derivative: with laws only
     hold   (nf, 1)                  torque up to which friction holds a body at rest
-    looks  (cap,)                   how many of these instants there are
+    looks  (cap,)                   how many instants inside there are
     rate   (cap,)                   balanced norm of flow [1/s]
 
     The last slot is not for a mode but for a step of any length.
 
     The rest is scratch, for the kernel allocates nothing:
     jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
-    poly (ORDER + 1,), vectors (4, nx), lines (3, nz), guards (2, elements), gradient (ns,)
+    poly (ORDER + 1,), vectors (4, nx), lines (3, nz), guards (elements,), gradient (ns,)
 
     work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
                              free, switch_late; 0 where it is not needed
@@ -153,7 +154,7 @@ class Cache(NamedTuple):
     poly: Float1
     vectors: Float2
     lines: Float2
-    guards: Float2
+    guards: Float1
     gradient: Float1
     work_out: int
     rough: int
@@ -171,12 +172,12 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
     slot[-1] = 0
     return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
                  np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)),
-                 np.zeros((cap, elements, LOOKS, nz)), np.zeros(cap, np.int64), np.zeros(cap),
+                 np.zeros((cap, elements, LOOKS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)), s.level[:, :1].copy(),
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((4, nx)),
-                 np.zeros((3, nz)), np.zeros((2, elements)), np.zeros(s.ns), *addresses)
+                 np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)
 
 
 SYSTEM, CACHE, LAWS = Pointer(System), Pointer(Cache), Pointer(Laws)

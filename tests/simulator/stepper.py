@@ -8,7 +8,8 @@ from scipy.optimize import brentq
 
 from tests.simulator.laws import Laws
 
-FRACTIONS = np.arange(9) / 8.0
+# Of a step, where guards are looked at; next to its ends too, for a dip may lie in the first or last eighth.
+FRACTIONS = np.sort([*np.arange(9) / 8.0, 1e-4, 1.0 - 1e-4])
 MOST_EVENTS = 1000
 
 
@@ -101,10 +102,12 @@ def _bracket(times, values, noise, guard):
         if values[k] < -noise:
             return times[k - 1], times[k]
         if k + 1 < len(values) and values[k - 1] > values[k] < values[k + 1]:
-            curve = values[k - 1] - 2.0 * values[k] + values[k + 1]
-            slope = 0.5 * (values[k + 1] - values[k - 1])
+            before, after = times[k] - times[k - 1], times[k + 1] - times[k]
+            fall, rise = (values[k] - values[k - 1]) / before, (values[k + 1] - values[k]) / after
+            curve = 2.0 * (rise - fall) / (before + after)
+            slope = (fall * after + rise * before) / (before + after)
             if values[k] < slope * slope / curve:  # twice the depth that a parabola predicts
-                bottom = times[k] - slope / curve * (times[k] - times[k - 1])
+                bottom = times[k] - slope / curve
                 if guard(bottom) < -noise:
                     return times[k - 1], bottom
     return None
