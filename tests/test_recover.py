@@ -47,13 +47,9 @@ def test_linear_machine_is_recovered_within_its_joint_uncertainty(fitted, seed):
     assert square < limit
 
 
-# Loads of a tenth of the motor's inertia, whose shaft torque hovers about zero: the filter's linear
-# picture of the contact is too coarse there, and the likelihood prefers a wrong gap.
-LIGHT = pytest.mark.xfail(reason="extended Kalman filter across grazing contacts of a light load", strict=True)
-
-
-@pytest.mark.parametrize("seed", [
-    20, 21, 22, 23, 24, pytest.param(25, marks=LIGHT), 26, 27, 28, pytest.param(31, marks=LIGHT)])
+# 25 and 31, and from 43 on: loads of 0.10 to 0.18 of the motor's inertia, which the motor hardly feels. 43 and 278
+# cross the gap, 278 only once there and back; 25, 144 and 240 open it and never reach its other side.
+@pytest.mark.parametrize("seed", [20, 21, 22, 23, 24, 25, 26, 27, 28, 31, 43, 144, 240, 278])
 def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     machine = machine_by_seed(seed, gap=0.2)
     record, run = gap_record(machine, seed)
@@ -63,13 +59,47 @@ def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     linear = fitted(seed)
     estimate = backlash([record], linear.drive, Options(known=linear.covariance))
     line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    true = machine.half_gap[0]
     if crossed < 2:
         assert {f.code for f in estimate.findings} & {"gap-not-opened", "gap-not-crossed"}
+        limits = [f.evidence["at_least"] for f in estimate.findings if f.code == "half-gap-unbounded"]
+        assert all(0.0 < limit <= true for limit in limits)
         return
-    true = machine.half_gap[0]
     assert line.status == "fitted" and line.std is not None
     assert abs(line.value - true) < max(0.05 * true, 3.0 * line.std)
     assert abs(line.value - true) < 4.0 * line.std
+
+
+def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
+    # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
+    machine, linear = machine_by_seed(237, gap=0.2), fitted(237)
+    record, _ = gap_record(machine, 237)
+    estimate = backlash([record], linear.drive, Options(known=linear.covariance))
+    note = next(f for f in estimate.findings if f.code == "fitted-again")
+    assert note.severity == "note" and "load.inertia" in note.text
+    square, limit = joint_error(estimate, truth(machine))
+    assert square < limit
+    before = {p.name: p.std for p in linear.parameters}
+    for line in estimate.parameters:
+        if line.name in ("load.inertia", "shaft.stiffness"):
+            assert line.std < 0.3 * before[line.name]
+
+
+def test_the_fit_of_a_light_load_is_reproducible(fitted):
+    machine, linear = machine_by_seed(240, gap=0.2), fitted(240)
+    record, _ = gap_record(machine, 240)
+    one, two = (backlash([record], linear.drive, Options(known=linear.covariance)) for _ in range(2))
+    assert one.parameters == two.parameters
+    assert one.covariance.matrix.tobytes() == two.covariance.matrix.tobytes()
+
+
+def test_a_light_load_whose_inertia_is_to_be_held_gets_a_warning_and_no_interval(fitted):
+    machine, linear = machine_by_seed(25, gap=0.2), fitted(25)
+    record, _ = gap_record(machine, 25)
+    estimate = backlash([record], linear.drive, Options(known=linear.covariance, hold=("load.inertia",)))
+    assert next(p for p in estimate.parameters if p.name == "shaft.half_gap").std is None
+    assert "light-load" in {f.code for f in estimate.findings}
+    assert all(p.status == "held" for p in estimate.parameters if p.name != "shaft.half_gap")
 
 
 def test_a_light_load_gets_a_warning_and_no_interval(fitted):

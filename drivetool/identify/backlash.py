@@ -13,11 +13,12 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.compose import compose, unsettled
+from drivetool.identify.compose import agrees, compose, unsettled
 from drivetool.identify.contact import Contact, contact
-from drivetool.identify.engine import Outcome, Task, coloured, fit_task, frozen
+from drivetool.identify.engine import Outcome, Task, again, coloured, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
+from drivetool.identify.light import fit_light, judged, loosened, never_crossed
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
@@ -30,7 +31,6 @@ from drivetool.logs.experiment import Experiment
 SCAN = np.geomspace(0.01, 30.0, 160)
 VALLEYS = 3  # of the scan from which fits start
 SPREAD = [0.5, 2.0]  # further shares to start from
-LIGHT = 0.2  # load over motor inertia below which the motor alone does not tell the half gap
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -59,16 +59,39 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     shut = [g for g in gaps if not closed[g].reverses]
     if shut:
         return _not_crossed(task, drive, shut, closed, options)
-    outcome = fit_task(task, options, _starts(task, gaps, options))
-    outcome = coloured(split_totals(outcome, asked))
+    loose, least = loosened(task, asked), {}
+    if loose is None:
+        outcome = coloured(split_totals(fit_task(task, options, _starts(task, gaps, options)), asked))
+    else:
+        outcome, least = _with_linear(loose, gaps, options, asked)
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
-                and not unsettled(outcome) and _wide(outcome, g)}
+                and not unsettled(outcome) and g not in least and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
                        known=options.known)
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
+    for name, low in least.items():
+        estimate = _from_below(estimate, name, low)
     estimate = _one_sided_contact(_ambiguous(estimate, outcome, gaps), outcome, gaps)
-    return _light_load(estimate, outcome, gaps)
+    more = None if loose is None else [n for n in loose.free if n not in task.free]
+    return judged(estimate, outcome, gaps, more)
+
+
+def _with_linear(task: Task, gaps: Sequence[str], options: Options, asked: Options,
+                 ) -> tuple[Outcome, dict[str, float]]:
+    """The fit of a light load, and the least half gap of each gap that was never crossed."""
+    outcome, least = fit_light(task, options.known, options), {}
+    doubtful = sum(agrees(outcome, s) for s in outcome.starts) < 2
+    if not doubtful:
+        outcome = split_totals(outcome, asked)
+        if unsettled(outcome):  # a few rounds more: the place is confirmed
+            outcome = again(outcome.task.at_point(outcome.solution.point), outcome.fit.noise)
+    for g in gaps:
+        found = never_crossed(outcome, g)
+        # Two fits that explain the record equally badly say nothing.
+        if found and not (doubtful and looks_coloured(found[0].fit.passes)):
+            outcome, least[g] = found
+    return coloured(outcome), least
 
 
 def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str, float]]:
@@ -130,10 +153,8 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
     at_zero = found.low is None
     findings = list(estimate.findings)
     if found.high is None:
-        new = replace(line, std=None, ci95=None, status="not-identifiable",
-                      reason="the likelihood is flat towards larger gaps")
-        findings.append(Finding("warning", "half-gap-unbounded", f"{name} has no upper limit in this record.",
-                                {"at_least": low}, "Record torque steps that cross the gap both ways."))
+        new, finding = _unbounded(line, low)
+        findings.append(finding)
     elif at_zero:
         new = replace(line, std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
                       reason="not distinguishable from zero; the interval is one-sided")
@@ -152,6 +173,23 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
     parameters = tuple(new if p.name == name else p for p in estimate.parameters)
     return replace(estimate, parameters=parameters, findings=tuple(findings),
                    exhibits=(*estimate.exhibits, curve))
+
+
+def _unbounded(line: Parameter, low: float) -> tuple[Parameter, Finding]:
+    """The line of a half gap without upper limit, and what to say."""
+    new = replace(line, std=None, ci95=None, status="not-identifiable",
+                  reason="the likelihood is flat towards larger gaps")
+    return new, Finding("warning", "half-gap-unbounded", f"{line.name} has no upper limit in this record.",
+                        {"at_least": low}, "Record torque steps that cross the gap both ways.")
+
+
+def _from_below(estimate: Estimate, name: str, low: float) -> Estimate:
+    """Say that a half gap is known only from below."""
+    line = next(p for p in estimate.parameters if p.name == name)
+    new, finding = _unbounded(line, low)
+    kept = [f for f in estimate.findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
+    return replace(estimate, parameters=tuple(new if p.name == name else p for p in estimate.parameters),
+                   findings=(*kept, finding))
 
 
 def _ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
@@ -173,27 +211,6 @@ def _ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Est
             f"Half gaps from {low:.3g} to {high:.3g} {lines[i].unit} explain this record equally well.",
             {"low": low, "high": high}, "Record torque steps that cross the gap both ways."))
     return replace(estimate, parameters=tuple(lines), findings=tuple(findings))
-
-
-def _light_load(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
-    """No interval where a light load hangs on the motor and only the motor is measured.
-
-    The motor hardly feels such a load, and the filter's linear picture of a contact is too coarse
-    for it: of simulated machines with a load below 0.15 of the motor, three in three came out wrong.
-    """
-    drive, roles = outcome.drive, outcome.task.roles.outputs
-    inertias = [drive.values[f"{b}.inertia"] for b in drive.bodies]
-    share = sum(inertias[1:]) / inertias[0]
-    if share > LIGHT or any(not role.startswith("motor") for role in roles):
-        return estimate
-    lines = tuple(replace(p, std=None, ci95=None, reason="the load is too light to be judged from the motor alone")
-                  if p.name in gaps and p.status == "fitted" else p for p in estimate.parameters)
-    finding = Finding(
-        "warning", "light-load",
-        f"The load has only {100 * share:.0f} % of the motor's inertia: from the motor alone its half gap cannot "
-        "be relied on, and no interval is given.", {"load_over_motor": float(share)},
-        "Log the shaft torque or the load speed.")
-    return replace(estimate, parameters=lines, findings=(*estimate.findings, finding))
 
 
 def _counts(outcome: Outcome, drive: Drive, gaps: Sequence[str]) -> dict[str, dict[str, float]]:

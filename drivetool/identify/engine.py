@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -40,10 +40,11 @@ def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]]
 
 
 def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int = 1,
-                   most: int | None = None) -> Outcome:
+                   most: int | None = None, search: Callable = searched) -> Outcome:
     """Innovations fit; across a gap from several starts, until two agree.
 
-    most  starts across a gap; None: as many as it takes
+    most    starts across a gap; None: as many as it takes
+    search  how the starts across a gap are found and descended from
     """
     problem = task.problem()
     if not is_hard(task):
@@ -64,7 +65,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     def gap(one: Fit, other: Fit) -> float:
         return apart(problem, one.solution, other.solution)
 
-    found = searched(task, starts, seed, descend, gap, most)
+    found = search(task, starts, seed, descend, gap, most)
     best = min((d.end for d in found), key=lambda f: f.value)
     if not best.converged:
         further = fit_innovations(problem, best.point, best.noise, arrived=True)

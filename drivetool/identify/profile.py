@@ -63,7 +63,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     problem = fixed.problem()
     noise: Noise = outcome.fit.noise
     values = np.array([fixed.drive.value(n) for n in free])
-    starts = tuple(_shifted(task, name, value, s) for s in outcome.solution.point.starts)
+    starts = tuple(shifted(task, name, value, s) for s in outcome.solution.point.starts)
     best = np.inf
     for _ in range(3):
         point = Point(values, starts)
@@ -82,7 +82,7 @@ def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
     return best
 
 
-def _shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
+def shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
     """A start state that leaves a contact closed as far as it was, if a half gap changes."""
     shaft, _, suffix = name.rpartition(".")
     old = task.drive.value(name) or 0.0

@@ -75,12 +75,12 @@ def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
             value, end, there = descend(ends[i], *AGAIN)
             if value < found[i].value:
                 found[i], ends[i] = replace(found[i], value=value, end=end), there
-        if most is None and _confirmed(found, gap):
+        if most is None and confirmed(found, gap):
             break
     return found
 
 
-def _confirmed(found: Sequence[Descent[T]], gap: Callable[[T, T], float]) -> bool:
+def confirmed(found: Sequence[Descent[T]], gap: Callable[[T, T], float]) -> bool:
     """Whether a second one ends as high as the best, and at the same place."""
     best = min(found, key=lambda d: d.value)
     return any(d is not best and d.value - best.value < CONFIRMED and gap(best.end, d.end) < APART for d in found)
@@ -110,7 +110,8 @@ def ranked(task: Task, starts: Sequence[Mapping[str, float]], seed: int) -> list
     others += [_varied(begun[k % len(begun)], rng) for k in range(DRAWS)]
     problem, linear = task.problem(), task.linear_problem()
     natural = natural_ratio(problem, first_point(begun[0].drive, problem, task.roles))
-    looks = [_glance(problem, linear, t, natural) for t in others]
+    small, flat = excerpt(problem, GLANCE), excerpt(linear, GLANCE)
+    looks = [float(np.nan_to_num(min(glances(small, flat, t, natural, GLANCES)), nan=np.inf)) for t in others]
     order = sorted(range(len(others)), key=lambda i: (looks[i], i))
     return begun[:1] + [others[i] for i in order]
 
@@ -127,12 +128,11 @@ def _varied(task: Task, rng: np.random.Generator) -> Task:
     return task.at(new)
 
 
-def _glance(problem: Problem, linear: Problem, task: Task, natural: float) -> float:
-    """-log likelihood under the linear drive's observers, the better of two."""
-    small, flat = excerpt(problem, GLANCE), excerpt(linear, GLANCE)
-    point = Point(values_of(task), first_point(task.drive, small, task.roles).starts)
+def glances(problem: Problem, linear: Problem, task: Task, natural: float, shares: Sequence[float]) -> list[float]:
+    """-log likelihood of a task's values under the linear drive's observers, one per share of the torque noise."""
+    point = Point(values_of(task), first_point(task.drive, problem, task.roles).starts)
     values = []
-    for share in GLANCES:
+    for share in shares:
         noise = Noise(share * natural, None, problem.scale, share * natural)
-        values.append(frozen_value(small, point, observers(small, flat, point, noise)))
-    return float(np.nan_to_num(min(values), nan=np.inf))
+        values.append(frozen_value(problem, point, observers(problem, linear, point, noise)))
+    return values

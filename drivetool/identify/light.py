@@ -1,0 +1,189 @@
+"""A light load behind a gap, seen from the motor alone: what has to be fitted besides the half gap.
+
+The motor feels such a load by some per cent of its own torque. A record without gap then gives the
+load's inertia and the stiffness to 5 or 15 % each, but the contacts in a record with gap are as sharp as
+ever: with linear parameters held at values a few per cent off no half gap explains them, and the
+likelihood prefers a wrong one. The contacts tell the linear parameters ten times better, so they are
+fitted again together with the gap, from starts drawn from what was known of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import TOTALS, Drive
+from drivetool.errors import Finding
+from drivetool.identify.clouds import from_known
+from drivetool.identify.engine import Outcome, Task, again, by_innovations
+from drivetool.identify.estimate import Covariance, Estimate
+from drivetool.identify.least_squares import solve
+from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.options import Options
+from drivetool.identify.problem import Point
+from drivetool.identify.profile import shifted
+from drivetool.identify.results import covariance_of
+from drivetool.identify.search import values_of
+from drivetool.identify.setup import Roles
+
+LIGHT = 0.2  # load over motor inertia below which held linear parameters mislead
+TINY = 1e-6  # relative step of a difference
+WIDE = 100.0  # times the half gap found: more than any travel
+GRAZE = 30.0  # log likelihood that grazing contacts gain by chance: where the filter's slope jumps from
+#               nothing to a contact it tunes the touch to the noise
+ONE_SIDED = 1.644853626951472  # standard deviations of a one-sided 95 % limit
+BEYOND = 1.02  # times the half gap that the travel just fills
+
+
+def load_share(drive: Drive) -> float:
+    """Inertia of everything behind the motor over the motor's own, as it is felt at the motor."""
+    masses = [drive.values[f"{b}.inertia"] + drive.value(f"{b}.carried_mass") * drive.value(f"{b}.radius") ** 2
+              for b in drive.bodies]
+    felt = [mass / n**2 for mass, n in zip(masses, drive.turns(), strict=True)]
+    return float(sum(felt[1:]) / felt[0])
+
+
+def is_light(drive: Drive, roles: Roles) -> bool:
+    """Whether the load is light and only the motor is measured."""
+    return load_share(drive) <= LIGHT and all(role.startswith("motor") for role in roles.outputs)
+
+
+def may_be_light(drive: Drive, roles: Roles, known: Covariance) -> bool:
+    """The same, as far as is known: two standard deviations of the share down."""
+    share, slopes = load_share(drive), np.zeros(len(known.names))
+    for j, name in enumerate(known.names):
+        if name.endswith(".inertia") and drive.values.get(name, 0.0) > 0.0:
+            more = replace(drive, values={**drive.values, name: drive.values[name] * (1.0 + TINY)})
+            slopes[j] = (load_share(more) - share) / (TINY * drive.values[name])
+    std = float(np.sqrt(slopes @ known.matrix @ slopes))
+    return share - 2.0 * std <= LIGHT and all(role.startswith("motor") for role in roles.outputs)
+
+
+def loosened(task: Task, options: Options) -> Task | None:
+    """The task with the values free that came with an uncertainty; None if it is no light load or has none.
+
+    A value without uncertainty counts as known. Viscous friction is shared out, unless its sum was asked for: in
+    the gap the load is alone with its part.
+
+    options  as they were asked for, `all` not spelled out
+    """
+    known = options.known
+    if known is None or options.criterion != "innovations" or not may_be_light(task.drive, task.roles, known):
+        return None
+    drive, total, names = task.drive, "total.viscous", set(known.names)
+    for whole, suffix in TOTALS.items():
+        if names & {f"{b}.{suffix}" for b in drive.bodies}:
+            names.add(whole)
+    names = set(task.free) | {n for n in names if n in drive.values} - set(options.hold)
+    if total in names and total not in options.free and total in drive.values:
+        parts = drive.parts(total, max(drive.values[total], 0.0))
+        drive, names = drive.with_values(parts), (names | set(parts)) - {total}
+    free = tuple(n for n in drive.quantities if n in names)
+    loose = replace(task, drive=drive, free=free)
+    return None if linear_held(loose) else loose
+
+
+def fit_light(task: Task, known: Covariance, options: Options) -> Outcome:
+    """Innovations fit of a loosened task."""
+    return by_innovations(task, [{}], options.seed, options.starts, from_known(known))
+
+
+def linear_held(task: Task) -> bool:
+    """Whether an inertia or a stiffness keeps its value."""
+    names = [f"{b}.inertia" for b in task.drive.bodies] + [f"{s}.stiffness" for s in task.drive.shafts]
+    return any(n not in task.free for n in names)
+
+
+def never_crossed(outcome: Outcome, gap: str) -> tuple[Outcome, float] | None:
+    """(the fit with a gap that the travel does not fill, least half gap at 95 %); None if the gap was crossed.
+
+    A gap that was opened but not crossed has a likelihood that is flat above the half gap that the
+    travel just fills. Grazing contacts on the far side of a narrower one may fit as well, by chance.
+    """
+    task = outcome.task.at_point(outcome.solution.point)
+    value, rest = task.drive.value(gap) or 0.0, tuple(n for n in task.free if n != gap)
+    if outcome.fit is None or not rest or value <= 0.0:
+        return None
+    wide = again(replace(task.at({gap: WIDE * value}), free=rest), outcome.fit.noise)
+    filled = _filled(wide, gap) if wide.fit.value < outcome.fit.value + GRAZE else None
+    if filled is None:
+        return None
+    return _narrowed(wide, gap, BEYOND * filled[0], task), max(float(filled[0] - ONE_SIDED * filled[1]), 0.0)
+
+
+def _filled(wide: Outcome, gap: str) -> tuple[float, float] | None:
+    """(half gap that the travel just fills, its std), from a fit with a wide one; None if both sides were met."""
+    problem, solution, noise = wide.problem, wide.solution, wide.fit.noise
+    gaps = [f"{s}.half_gap" for s in wide.drive.shafts]
+    shaft = [g for g in gaps if wide.drive.value(g) or g in wide.task.free].index(gap)
+
+    def travel(values: np.ndarray) -> float:
+        deepest, sides = 0.0, set()
+        point = Point(values, solution.point.starts)
+        for plant, passed in zip(problem.plants(values, False), filtered(problem, point, noise), strict=True):
+            s = plant.system
+            spring, reach = s.spring[shaft, :s.nx, 0], s.reach[shaft, 0]
+            torque = passed.states[len(passed.states) // 50:] @ spring[:passed.states.shape[1]]
+            sides |= set(np.sign(torque[np.abs(torque) > reach]))
+            stiffness = spring[np.flatnonzero(spring)[-1]]
+            deepest = max([deepest, *((reach - side * torque).max() / stiffness for side in sides)])
+        return 0.5 * deepest if len(sides) == 1 else np.nan
+
+    best = travel(solution.point.values)
+    if not np.isfinite(best):
+        return None
+    matrix = np.nan_to_num(covariance_of(problem, solution)[0])
+    std = np.sqrt(np.diag(matrix))
+    slopes = np.zeros(len(std))
+    for j in np.flatnonzero(std):
+        step = std[j] * np.eye(len(std))[j]
+        change = travel(solution.point.values + step) - travel(solution.point.values - step)
+        slopes[j] = 0.5 * np.nan_to_num(change) / std[j]
+    return best, float(np.sqrt(slopes @ matrix @ slopes))
+
+
+def _narrowed(wide: Outcome, gap: str, value: float, task: Task) -> Outcome:
+    """The fit with a wide gap, as one of all free parameters at another half gap that is not crossed either."""
+    broad = wide.task.at_point(wide.solution.point)
+    starts = tuple(shifted(broad, gap, value, s) for s in wide.solution.point.starts)
+    whole = replace(broad.at({gap: value}), free=task.free)
+    problem, point = whole.problem(), Point(values_of(whole), starts)
+    passes = filtered(problem, point, wide.fit.noise)
+    solution = solve(problem, point, [f.gains for f in passes], most=0)
+    fit = replace(wide.fit, solution=solution, passes=tuple(passes), value=minus_log_likelihood(passes))
+    told = {"way": "never crossed", "minus_log_likelihood_above_best": 0.0,
+            "reached": dict(zip(task.free, point.values.tolist(), strict=True))}
+    return Outcome(whole, problem, solution, fit, (told,), wide.converged)
+
+
+def judged(estimate: Estimate, outcome: Outcome, gaps: Sequence[str], again_free: Sequence[str] | None) -> Estimate:
+    """What is to be said about a light load.
+
+    again_free  values that were held at first and fitted again; None: the values were not loosened. Then the
+                half gap gets no interval: of simulated machines with a load below 0.15 of the motor three
+                in three came out wrong
+    """
+    drive = outcome.drive
+    if again_free is None and not is_light(drive, outcome.task.roles):
+        return estimate
+    share, lines, finding = load_share(drive), estimate.parameters, None
+    told = f"The load has only {100 * share:.0f} % of the motor's inertia"
+    if again_free:
+        finding = Finding(
+            "note", "fitted-again",
+            f"{told}: {', '.join(again_free)} were fitted again together with the half gap, since held values a "
+            "few per cent off would lead to a wrong one.", {"load_over_motor": share},
+            "Hold what is known for sure with --hold.")
+    elif again_free is None:
+        reason = "the load is too light to be judged from the motor alone"
+        lines = tuple(replace(p, std=None, ci95=None, reason=reason)
+                      if p.name in gaps and p.status == "fitted" else p for p in lines)
+        finding = Finding(
+            "warning", "light-load",
+            f"{told}: from the motor alone its half gap cannot be relied on, and no interval is given.",
+            {"load_over_motor": share},
+            "Log the shaft torque or the load speed, or pass the parameter file of a greybox step with --params.")
+    more = () if finding is None else (finding,)
+    return replace(estimate, parameters=lines, findings=(*estimate.findings, *more))
