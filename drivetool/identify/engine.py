@@ -26,6 +26,7 @@ __all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "colou
 SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 SCREEN = 3  # rounds after which only the best two of several starts go on
 HOPEFUL = 50.0  # log likelihood behind the best so far up to which a descent goes on
+RARE = 50.7954897  # what a chi-square of 19 degrees exceeds once in ten thousand times
 COLOUR_GAIN = 10.0  # log likelihood that two more noise parameters must bring
 
 
@@ -161,8 +162,6 @@ def coloured(outcome: Outcome) -> Outcome:
 
 def looks_coloured(passes: Sequence[Filtered]) -> bool:
     """Whether normalised innovations correlate at lags 2 to 20 (1e-4 level)."""
-    from scipy.stats import chi2
-
     total = 0.0
     count = 0
     products = np.zeros(21)
@@ -174,7 +173,7 @@ def looks_coloured(passes: Sequence[Filtered]) -> bool:
     if products[0] <= 0.0:
         return False
     total = count * np.sum((products[2:] / products[0]) ** 2)
-    return bool(total > chi2.isf(1e-4, 19))
+    return bool(total > RARE)
 
 
 def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, float]], seed: int = 1,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from drivetool.drive.simulate import Filtered
 from drivetool.identify.problem import Normal, Point, Problem
@@ -163,6 +162,8 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         return found if np.isfinite(found) else FAR
 
     if noise.memory is not None:
+        from scipy.optimize import minimize
+
         reach = 0.7 if around is None else 0.2
         start = np.array([np.log(noise.ratio), np.log(noise.memory / (1.0 - noise.memory))])
         found = minimize(value, start, method="Nelder-Mead",
