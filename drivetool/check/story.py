@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
+LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
@@ -128,7 +129,7 @@ def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -
     if verdict == "named":
         left = "" if gain.unexplained_percent < 1.0 else (
             f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
-        return f"The simulation lacks {words}: {better}{left}."
+        return f"The simulation lacks {words}: {better}{left}{_taken_for_noise(gain)}."
     if verdict == "undetermined":
         either = " or ".join(c.replace("-", " ") for c in search.between)
         first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
@@ -139,6 +140,15 @@ def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -
         return (f"Something is missing that no cause in the catalogue explains.{near} "
                 f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
     return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
+
+
+def _taken_for_noise(gain: Gain) -> str:
+    """What a cause that is in no catalogue may hide behind: one-step errors cannot tell it from torque noise."""
+    times = gain.held_out_rmse_after / gain.noise_floor if gain.noise_floor > 0.0 else 0.0
+    if not np.isfinite(times) or times < LOUD:
+        return ""
+    return (f"; that is still {times:.0f} times the sensor's own noise, which the model takes for noise of the "
+            "torque")
 
 
 def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
