@@ -10,6 +10,7 @@ from scipy.special import erfc
 
 from drivetool.check.decide import decide
 from drivetool.check.heldout import LOOKED, Score, surprise, total_evidence
+from drivetool.identify.noise import minus_log_likelihood
 
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
 
@@ -52,3 +53,8 @@ def test_either_way_of_finding_costs_half_of_the_budget():
     assert total_evidence([score(0.0, ratio=7.0)]) == pytest.approx(7.0 - np.log(2.0))
     assert total_evidence([score(30.0)]) == pytest.approx(surprise(score(30.0)) - np.log(2.0))
     assert total_evidence([]) == -np.inf
+
+
+def test_a_filter_that_ran_away_has_no_likelihood_and_raises_no_warning():
+    runaway = SimpleNamespace(innovations=np.array([[1e200], [1.0]]), variance=np.ones((2, 1)))
+    assert minus_log_likelihood([runaway]) == np.inf

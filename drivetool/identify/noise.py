@@ -51,12 +51,13 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
 
 
 def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
-    """Gaussian, up to a constant, with the sensor variance profiled out."""
+    """Gaussian, up to a constant, with the sensor variance profiled out; infinite where a filter ran away."""
     squares, logs, count = 0.0, 0.0, 0
     for f in passes:
         known = np.isfinite(f.innovations)
-        squares += float(np.sum(f.innovations[known] ** 2 / f.variance[known]))
-        logs += float(np.sum(np.log(f.variance[known])))
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares += float(np.sum(f.innovations[known] ** 2 / f.variance[known]))
+            logs += float(np.sum(np.log(f.variance[known])))
         count += int(known.sum())
     if not np.isfinite(squares) or squares <= 0.0:
         return np.inf
