@@ -9,7 +9,8 @@ from drivetool.check.diagnose import not_ruled_out, with_filter
 from drivetool.check.lateness import lag_of
 from drivetool.check.preflight import preflight
 from drivetool.drive.chain import two_mass
-from tests.hidden import make_case
+from tests.hidden import greybox_options, make_case, write_start
+from tests.hidden.command import ask, read, run
 from tests.recover import experiment
 
 KINDS = [(70001, "closed-loop", "nominal"), (70002, "reversing", "nominal"), (70003, "one-directional", "loud")]
@@ -44,6 +45,20 @@ def test_a_filter_that_is_found_joins_the_drive_and_one_that_is_not_there_is_rul
     assert drive.value("sensor.bandwidth") == pytest.approx(500.0, rel=0.1)  # two samples of a millisecond
     assert free == ("motor.inertia", "sensor.bandwidth")
     assert not_ruled_out(["speed-filter", "dead-time"], [prompt]) == ["dead-time"]
+
+
+def test_a_filter_that_the_base_has_is_not_found_again(tmp_path):
+    case = make_case("speed-filter", 70002, "reversing", ("motor_speed", "motor_angle"), "nominal", 3.0, 70002)
+    logs, _ = case.write_records(tmp_path)
+    words = ["--candidates", "speed-filter,quadratic-drag"]
+    first = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case), words)
+    assert (first.verdict, first.causes) == ("named", ("speed-filter",)), first.talk
+    done = run(tmp_path, ["diagnose", *(p.name for p in logs), "--params", "extended.yaml", "--out", "again.yaml",
+                          *words])
+    again = read(tmp_path / "again.yaml", done.stderr)
+    assert (again.verdict, again.causes) == ("nothing-found", ()), again.talk
+    state = {c["code"]: c["state"] for c in again.candidates}
+    assert state["speed-filter"] == "in-the-model"
 
 
 def test_without_an_angle_nothing_is_said_and_nothing_ruled_out():

@@ -69,7 +69,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
     logged = (*experiments, *holdout)
-    mended, faults = preflight(logged, wanted)
+    mended, faults = preflight(logged, unmodelled(wanted, drive))
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []
     try:
@@ -110,6 +110,11 @@ def with_filter(drive: Drive, free: Sequence[str], faults: Sequence[Fault]) -> t
     if not lags:
         return drive, tuple(free)
     return drive.with_values({"sensor.bandwidth": 1.0 / float(np.mean(lags))}), (*free, "sensor.bandwidth")
+
+
+def unmodelled(wanted: Sequence[str], drive: Drive) -> list[str]:
+    """The causes that a fault of the record may be: a filter that the drive has is none."""
+    return [c for c in wanted if not (c == "speed-filter" and np.isfinite(drive.value("sensor.bandwidth")))]
 
 
 def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
@@ -172,7 +177,7 @@ class Search:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget, self.gained)
             last = number == self.options.rounds
-            results = results_of(tried, scores, decision, self.model)
+            results = results_of(tried, scores, decision, self.model, self.gained)
             stage = None if decision.best is None or last else self._adopt(decision)
             self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
@@ -194,7 +199,7 @@ class Search:
                              pool.map(lambda t: polished(t, self.masks), likely), len(likely))
             ends = dict(zip((t.candidate.code for t in likely), fitted, strict=True))
             for code in [c for c in ends if c in NESTED]:
-                for simple in set(NESTED[code]) & set(ends):
+                for simple in [c for c in NESTED[code] if c in ends]:
                     ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]

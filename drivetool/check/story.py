@@ -38,8 +38,11 @@ LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a 
 
 
 def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision,
-               base: Model) -> tuple[CandidateResult, ...]:
-    """One line per cause that was tried on top of the base, the best first."""
+               base: Model, gained: float) -> tuple[CandidateResult, ...]:
+    """One line per cause that was tried on top of the base, the best first.
+
+    gained  log likelihood by the causes that were found before, as the decision had it
+    """
     by_code = {s.model.code: s for s in scores}
     lines, most = [], max((base.value - t.model.value for t in tried if t.model is not None), default=0.0)
     for t in tried:
@@ -53,8 +56,8 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
             lines.append(CandidateResult(*common, state, smallest=sizes, reason=reason))
         else:
             lines.append(CandidateResult(
-                *common, _state(s, decision), s.gain, s.gain_std, total_evidence([s]) / float(np.log(10.0)), sizes,
-                values_of(s.model, base)))
+                *common, _state(s, decision), s.gain, s.gain_std,
+                total_evidence([s], gained) / float(np.log(10.0)), sizes, values_of(s.model, base)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 

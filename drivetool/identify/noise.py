@@ -177,7 +177,7 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
     else:
         grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
     best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
-                     0.05 if quick else 2e-3)
+                        0.05 if quick else 2e-3)
     return replace(noise, ratio=float(np.exp(best)))
 
 
