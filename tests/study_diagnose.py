@@ -17,8 +17,11 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +29,7 @@ import pytest
 from scipy.stats import beta
 
 from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
-from tests.hidden.command import GRADES, Answer, ask, grade, run
+from tests.hidden.command import GRADES, Answer, Running, ask, grade, run, run_inside
 from tests.hidden.visibility import separation
 
 ROOT = Path(__file__).parent.parent
@@ -95,8 +98,13 @@ def plans(cases: int, nulls: int) -> list[Plan]:
 
 
 def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
-    """Make the case, run the commands on it, open the label."""
-    begun = time.monotonic()
+    """Make the case, run the commands on it, open the label.
+
+    Where nothing is hidden there is no label to keep from the commands, and they run in this process.
+    """
+    begun, running = time.monotonic(), run
+    if plan.part == "none" and asking is ask:
+        running, asking = run_inside, partial(ask, running=run_inside)
     case = make_case(plan.effects, **plan.options)
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
@@ -104,7 +112,8 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         catalogue = sorted(set(CODES.values()) - set(plan.removed))
         more = ["--candidates", ",".join(catalogue)] if plan.removed else []
         answer = asking(Path(room), logs, start, greybox_options(case), more)
-        fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml", answer.gain.get("segment") or 0.0)
+        fresh = {name: fresh_error(Path(room), held[0], f"{name}.yaml", answer.gain.get("segment") or 0.0,
+                                     running)
                  for name in ("base", "extended")}
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
@@ -133,14 +142,14 @@ def to_name(label: Mapping, answer: Answer) -> list[str]:
     return [c for c in label["causes"] if c in shown | found] if shown else label["causes"]
 
 
-def fresh_error(room: Path, log: Path, params: str, segment: float) -> float | None:
+def fresh_error(room: Path, log: Path, params: str, segment: float, running: Running) -> float | None:
     """Error of free runs on a record of the same machine that nobody has seen, by `validate`.
 
     segment  [s] length of the runs, that of the error which the diagnosis states
     """
     if not (room / params).exists():
         return None
-    done = run(room, ["validate", log.name, "--params", params, "--segment", f"{segment:g}", "--json"])
+    done = running(room, ["validate", log.name, "--params", params, "--segment", f"{segment:g}", "--json"])
     try:
         return json.loads(done.stdout)["checks"][0]["rmse"]
     except (ValueError, KeyError, IndexError):
@@ -225,8 +234,10 @@ def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
     if path.exists() and (text := path.read_text()) and not text.endswith("\n"):
         path.write_text(text + "\n")
     missing = [plan for plan in wanted if plan.key not in there]
-    with ThreadPoolExecutor(workers) as pool:
-        for row in pool.map(lambda plan: _guarded(plan, asking), missing):
+    # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
+    with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is ask else
+          ThreadPoolExecutor(workers)) as pool:
+        for row in pool.map(_guarded, missing, repeat(asking)):
             with path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
     keys = {plan.key for plan in wanted}
