@@ -1,0 +1,30 @@
+"""The smallest visible size that a diagnosis states, against what the truth says of an effect of that size."""
+
+from __future__ import annotations
+
+from tests.hidden import greybox_options, make_case, write_start
+from tests.hidden.command import ask
+from tests.hidden.visibility import visible
+
+MACHINE = 70012
+# Effect -> the tool's parameter, that of the label, and what the one is of the other.
+SAME = {"backlash": ("shaft.half_gap", "shaft.half_gap", lambda v: v),
+        "coulomb-load": ("load.coulomb", "load.coulomb", lambda v: v),
+        "quadratic-drag": ("load.drag", "load.quadratic_drag", lambda v: v),
+        "dead-time": ("converter.dead_time", "converter.dead_time", lambda v: v),
+        "speed-filter": ("sensor.bandwidth", "sensor.filter_time", lambda v: 1.0 / v)}
+
+
+def test_an_effect_of_the_smallest_visible_size_is_as_visible_as_it_says(tmp_path):
+    """Six noises, once the plain parameters have imitated what they can; wanted within a factor 2."""
+    case = make_case((), MACHINE, seed=MACHINE)
+    logs, _ = case.write_records(tmp_path)
+    words = ["--candidates", ",".join(SAME)]
+    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case), words)
+    assert answer.verdict == "nothing-found", answer.talk
+    smallest = {c["code"]: c["smallest"] for c in answer.candidates}
+    for code, (name, true, same) in SAME.items():
+        hidden = make_case(code, MACHINE, seed=MACHINE).hidden[0]
+        size = hidden.size * same(smallest[code][name]["value"]) / hidden.truth[true]
+        number = visible(make_case(code, MACHINE, seed=MACHINE, size=size)).number
+        assert 3.0 < number < 12.0, (code, size)
