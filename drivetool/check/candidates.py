@@ -9,8 +9,8 @@ import numpy as np
 
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Model
-from drivetool.check.scan import half_gaps, likely_orders, step_times
-from drivetool.check.structure import carried, with_third_mass
+from drivetool.check.scan import half_gaps, likely_orders, likely_tips, step_times
+from drivetool.check.structure import carried
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered, minus_log_likelihood
@@ -27,10 +27,12 @@ class Start:
     """Where the fit of a cause starts: the task with all that is free, and what is worth a first step.
 
     amplitudes  of the free names, those whose first guess a linear step gives
+    steps       of its first fit; more where that begins far from the base
     """
 
     task: Task
     amplitudes: tuple[str, ...]
+    steps: int = 5
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,7 @@ def _load_damping(base: Model) -> list[Start]:
 
 
 def _third_mass(base: Model) -> list[Start]:
-    return [Start(task, ()) for task in with_third_mass(base)]
+    return [Start(task, (), steps=25) for task in likely_tips(base)]
 
 
 def _ripple(base: Model) -> list[Start]:

@@ -94,7 +94,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     for b in begun:
         try:
             found.append(fit(candidate.code, b.start.task, b.problem, b.point, base.noise, masks, rounds=1,
-                             renew=False, most=5))
+                             renew=False, most=b.start.steps))
         except BROKEN as error:
             reason = str(error)
     found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]

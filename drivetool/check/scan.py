@@ -1,4 +1,4 @@
-"""Cheap looks at a whole range: half gaps, orders of a ripple, instants of a load step."""
+"""Cheap looks at a whole range: half gaps, third masses, orders of a ripple, instants of a load step."""
 
 from __future__ import annotations
 
@@ -6,14 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.model import Model
+from drivetool.check.model import Model, everything, judge
+from drivetool.check.structure import carried, may_have_tip, tip_names, with_tip
 from drivetool.drive.linearise import state_space
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.least_squares import schur
+from drivetool.identify.noise import filtered, minus_log_likelihood, normal_under
 from drivetool.identify.problem import Point
+from drivetool.identify.setup import problem_of
 
 GAPS = np.geomspace(0.003, 3.0, 40)  # half gaps over the twist that the torque makes
+TIMES = np.geomspace(0.4, 8.0, 14)  # frequencies of a third mass over that of the first resonance
+TRACE = 0.01  # share of the last inertia at which the effect of a third mass is in proportion to it
+BROAD = 0.1  # its damping ratio there: a sharper one would be missed between the frequencies
+SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
+TIPS = 2  # frequencies that are worth a fit
 KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
 EARLY = 0.3  # s at both ends of a record where a load step is not looked for
@@ -31,6 +39,42 @@ def half_gaps(base: Model, name: str, torque: float) -> list[float]:
 
     values = np.array([look(share * twist) for share in GAPS])
     return [float(GAPS[i] * twist) for i in valleys(values)[:KEEP]]
+
+
+def likely_tips(base: Model) -> list[Task]:
+    """Third masses at the frequencies where a trace of one would gain most as it grows.
+
+    Split off with a whole share the fit would begin thousands of units of log likelihood below the base,
+    and end anywhere. A trace hardly changes the motion, and one linear step, its inertia, stiffness and
+    damping growing together, says how large it should be.
+    """
+    if not may_have_tip(base.task.drive):
+        return []
+    found = []
+    for times in TIMES:
+        task = with_tip(base, TRACE, times, BROAD)
+        if task is not None:
+            promise, growth = _grown(base, task)
+            share = np.clip(TRACE * (1.0 + growth), *SPLIT)
+            found.append((growth > 0.0, promise, with_tip(base, share, times, BROAD)))
+    found.sort(key=lambda f: f[:2], reverse=True)
+    return [task for _, _, task in found[:TIPS]]
+
+
+def _grown(base: Model, task: Task) -> tuple[float, float]:
+    """(log likelihood over the base after a linear step, relative growth of the third mass in it)."""
+    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+    point = carried(base, task, problem)
+    normal = normal_under(problem, point, base.noise)
+    matrix, slope, _ = schur(normal)
+    own = np.array([n in tip_names(base.task.drive) for n in task.free])
+    turn = np.column_stack([np.eye(len(own))[:, ~own], np.where(own, point.values, 0.0)])
+    matrix, slope = turn.T @ matrix @ turn, turn.T @ slope
+    size = np.sqrt(np.diag(matrix))
+    inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-10, hermitian=True)
+    step = -(inverse @ (slope / size)) / size
+    gain = float(-0.5 * slope @ step) / (normal.cost / max(problem.count - problem.unknowns, 1))
+    return gain - judge(problem, point, base.noise, everything(problem)), float(step[-1])
 
 
 def likely_orders(base: Model) -> list[float]:

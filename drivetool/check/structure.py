@@ -12,38 +12,42 @@ from drivetool.drive.chain import Drive
 from drivetool.identify.engine import Task
 from drivetool.identify.problem import Point, Problem
 
-SHARES = (0.2,)  # of the load's inertia that the third mass takes, to start from
-TIMES = (0.6, 1.5, 3.0)  # its frequency over that of the first resonance
+TIP = "tip"
 MOST = 0.4  # of the sampling rate: what rings faster leaves no trace
 
 
-def with_third_mass(base: Model) -> list[Task]:
-    """The base with its last body split in two by one more shaft, at several frequencies."""
+def may_have_tip(drive: Drive) -> bool:
+    """Whether the last body can be split in two: a kernel for more than three bodies is no two-mass one."""
+    return len(drive.bodies) == 2
+
+
+def tip_names(drive: Drive) -> tuple[str, str, str]:
+    """Inertia, stiffness and damping of a third mass."""
+    shaft = f"shaft{len(drive.bodies)}"
+    return f"{TIP}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"
+
+
+def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | None:
+    """The base with its last body split in two by one more shaft, None if that would ring too fast.
+
+    share  of the last body's inertia that goes to the new one
+    times  frequency of the new one over that of the first resonance; zeta: its damping ratio
+    """
     task = base.fitted
     drive = task.drive
-    if not drive.shafts or len(drive.bodies) > 2:
-        return []
-    body, shaft = "tip", f"shaft{len(drive.bodies)}"
     last, first = drive.bodies[-1], drive.bodies[0]
     jl, jm, ks = (drive.value(n) for n in (f"{last}.inertia", f"{first}.inertia", f"{drive.shafts[0]}.stiffness"))
-    resonance = np.sqrt(ks * (jl + jm) / (jl * jm))
-    found = []
-    for share in SHARES:
-        for times in TIMES:
-            rate = times * resonance
-            if rate > 2.0 * np.pi * MOST / base.problem.traces[0].step:
-                continue
-            inertia = share * jl
-            stiffness = rate**2 * inertia * (1.0 - share)
-            values = {**drive.values, f"{last}.inertia": (1.0 - share) * jl, f"{body}.inertia": inertia,
-                      f"{shaft}.stiffness": stiffness, f"{shaft}.damping": 0.04 * stiffness / rate}
-            longer = Drive("three-mass with a tip", (*drive.bodies, body), (*drive.shafts, shaft), values,
-                           drive.torque_unit, drive.motion_unit, drive.damping_law)
-            new = {f"{body}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"}
-            free = tuple(n for n in longer.quantities if n in {*task.free, *new})
-            # The load's sensors stay where they were.
-            found.append(replace(task, drive=longer, free=free))
-    return found
+    rate = times * np.sqrt(ks * (jl + jm) / (jl * jm))
+    if rate > 2.0 * np.pi * MOST / base.problem.traces[0].step:
+        return None
+    inertia, stiffness, damping = tip_names(drive)
+    values = {**drive.values, f"{last}.inertia": (1.0 - share) * jl, inertia: share * jl,
+              stiffness: rate**2 * share * (1.0 - share) * jl, damping: 2.0 * zeta * rate * share * jl}
+    longer = Drive("three-mass with a tip", (*drive.bodies, TIP), (*drive.shafts, stiffness.split(".")[0]), values,
+                   drive.torque_unit, drive.motion_unit, drive.damping_law)
+    free = tuple(n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping})
+    # The load's sensors stay where they were.
+    return replace(task, drive=longer, free=free)
 
 
 def states_of(task: Task, step: float) -> list[str]:
@@ -66,7 +70,7 @@ def carried(base: Model, task: Task, problem: Problem) -> Point:
                 x[j] = trace.inputs[0, 0]
             elif name == "motor_speed.filtered":
                 x[j] = start[0]
-            elif name == "tip.speed":
+            elif name == f"{TIP}.speed":
                 x[j] = start[old.index(f"{base.task.drive.bodies[-1]}.speed")]
         starts.append(x)
     return Point(np.array([task.drive.value(n) for n in task.free], float), tuple(starts))
