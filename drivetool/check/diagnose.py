@@ -146,7 +146,10 @@ class Search:
     def __init__(self, base: Model, wanted: Sequence[str], options: DiagnoseOptions,
                  samples: Sequence, faults: Sequence[Fault], train: Sequence[Experiment]):
         self.first, self.options, self.samples, self.faults = base, options, samples, list(faults)
-        self.candidates = [c for c in CANDIDATES if c.code in wanted]
+        # A law that contains another one gains where the other is true: that is tried too, asked for or not.
+        special = {code for c in wanted for code in NESTED.get(c, ())}
+        self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
+        self.asked, self.unasked = frozenset(wanted), ""
         self.masks, self.train = fitted_samples(samples), tuple(train)
         self.model, self.folds = base, folds_of(both(base, self.masks), samples)
         self.first_folds = self.folds
@@ -177,8 +180,11 @@ class Search:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget, self.gained)
             last = number == self.options.rounds
-            results = results_of(tried, scores, decision, self.model, self.gained)
-            stage = None if decision.best is None or last else self._adopt(decision)
+            asked = [t for t in tried if t.candidate.code in self.asked]
+            results = results_of(asked, scores, decision, self.model, self.gained)
+            if decision.best is not None and decision.best.model.code not in self.asked:
+                self.unasked = decision.best.model.code
+            stage = None if decision.best is None or last or self.unasked else self._adopt(decision)
             self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
             if stage is None or (len(decision.between) > 1 and self.confident):

@@ -9,6 +9,7 @@ from typing import Literal
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
+UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
 

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.check.decide import Decision, experiment_between
-from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
+from drivetool.check.candidates import torque_size
+from drivetool.check.decide import Decision
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
+from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import DriveToolError
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
-LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
@@ -87,21 +88,25 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
     faults = tuple(dict.fromkeys(f.code for f in search.faults))
     causes = (*faults, *[c for c in search.causes if not search.between or c not in search.between])
-    verdict = _verdict(search, causes)
+    verdict, between = _verdict(search, causes), search.between
     gain = search.total_gain()
     estimate = estimate_of(search, before, options)
-    experiment = _experiment(search, verdict)
-    sentence = _sentence(verdict, causes, search, gain)
+    share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first)
+    if verdict == "named" and search.causes and taken_for_noise(gain, share):
+        verdict, doubted = "undetermined", max(search.causes, key=lambda c: search.evidence[c])
+        causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
+    experiment = experiment_of(between, verdict)
+    sentence = sentence_of(verdict, (causes, between, tuple(search.causes)), search.unasked, gain, share)
     found = (*(f.finding for f in search.faults), *search.notes)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else faults,
-        search.between if verdict == "undetermined" else (), experiment,
+        between if verdict == "undetermined" else (), experiment,
         dict(search.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
 
 
 def _verdict(search: Search, causes: Sequence[str]) -> str:
-    if search.causes and not search.confident:
+    if search.unasked or (search.causes and not search.confident):
         return "unexplained"
     if search.between:
         return "undetermined"
@@ -111,47 +116,6 @@ def _verdict(search: Search, causes: Sequence[str]) -> str:
 
 
 UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
-
-
-def _experiment(search: Search, verdict: str) -> str:
-    """What would decide, or show more."""
-    if verdict == "undetermined":
-        return experiment_between(search.between)
-    if verdict == "unexplained":
-        return ("Log a second sensor (load speed or shaft torque), repeat the record at other levels, and look at "
-                "the residual over speed, torque and angle in the report.")
-    if verdict == "nothing-found":
-        return "Larger torque, more reversals or a longer record would show smaller effects."
-    return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
-
-
-def _sentence(verdict: str, causes: Sequence[str], search: Search, gain: Gain) -> str:
-    words = " and ".join(c.replace("-", " ") for c in causes)
-    better = (f"in free runs of {gain.segment:.3g} s over data held out the error falls from "
-              f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
-    if verdict == "named":
-        left = "" if gain.unexplained_percent < 1.0 else (
-            f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
-        return f"The simulation lacks {words}: {better}{left}{_taken_for_noise(gain)}."
-    if verdict == "undetermined":
-        either = " or ".join(c.replace("-", " ") for c in search.between)
-        first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
-        return f"{first}{either} explain the record equally well; {better}."
-    if verdict == "unexplained":
-        closest = ", then ".join(c.replace("-", " ") for c in search.causes).capitalize()
-        near = f" {closest} come{'s' * (len(search.causes) == 1)} closest ({better}), but" if closest else ""
-        return (f"Something is missing that no cause in the catalogue explains.{near} "
-                f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
-    return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
-
-
-def _taken_for_noise(gain: Gain) -> str:
-    """What a cause that is in no catalogue may hide behind: one-step errors cannot tell it from torque noise."""
-    times = gain.held_out_rmse_after / gain.noise_floor if gain.noise_floor > 0.0 else 0.0
-    if not np.isfinite(times) or times < LOUD:
-        return ""
-    return (f"; that is still {times:.0f} times the sensor's own noise, which the model takes for noise of the "
-            "torque")
 
 
 def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivetool.check.causes import CAUSES, told_sizes
-from drivetool.check.diagnosis import CandidateResult, Diagnosis, Gain, Round
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, Diagnosis, Gain, Round
 from drivetool.files.shapes import CandidateSection
 from drivetool.files.tables import rounded, short
 from drivetool.identify.estimate import Parameter
@@ -36,6 +36,9 @@ CAPTIONS = {
 
 def finding_of(found: CandidateResult) -> tuple[str, str, str]:
     """(headline, sentence with its size, what to do) of a cause."""
+    if found.code == UNLISTED:
+        return ("Or something that is in no catalogue", "Noise of the torque would otherwise have to be larger "
+                "than it usually is.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
     told = [size_of(p) for p in told_sizes(found.code, found.parameters)]

@@ -1,0 +1,88 @@
+"""The verdict in a sentence, and what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drivetool.check.decide import experiment_between
+from drivetool.check.diagnosis import UNLISTED, Gain
+
+LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
+REST = 0.25  # of the error before, from which on what is left is much
+IMPLAUSIBLE = 0.03  # of the torque's spread, from which a noise of the torque may be a law that is missing
+
+
+def taken_for_noise(gain: Gain, share: float) -> bool:
+    """Whether a noise of the torque that is hardly one stands in for much of what was there.
+
+    Then a law that is in no catalogue may hide behind it: one-step errors cannot tell the two apart.
+    share  std of the torque's noise over the spread of the torque
+    """
+    after = gain.held_out_rmse_after
+    return (after > LOUD * gain.noise_floor and after > REST * gain.held_out_rmse_before
+            and share > IMPLAUSIBLE)
+
+
+def experiment_of(between: Sequence[str], verdict: str) -> str:
+    """What would decide, or show more."""
+    if UNLISTED in between and verdict == "undetermined":
+        return ("Hold the torque for some seconds at several levels: a noise of the torque is there too, the "
+                "effect of a law that is missing is not. Log a second sensor (load speed or shaft torque).")
+    if verdict == "undetermined":
+        return experiment_between(between)
+    if verdict == "unexplained":
+        return ("Log a second sensor (load speed or shaft torque), repeat the record at other levels, and look at "
+                "the residual over speed, torque and angle in the report.")
+    if verdict == "nothing-found":
+        return "Larger torque, more reversals or a longer record would show smaller effects."
+    return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
+
+
+def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
+                share: float) -> str:
+    """The verdict for a plant engineer.
+
+    codes    what is certain, what it is between, and all that was found, in the order found
+    unasked  what explains the record but was not to be looked for
+    share    std of the torque's noise over the spread of the torque
+    """
+    causes, between, found = codes
+    words = " and ".join(c.replace("-", " ") for c in causes)
+    better = (f"in free runs of {gain.segment:.3g} s over data held out the error falls from "
+              f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
+    if verdict == "named":
+        left = "" if gain.unexplained_percent < 1.0 else (
+            f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
+        return f"The simulation lacks {words}: {better}{left}{_loud(gain)}."
+    if verdict == "undetermined":
+        either = " or ".join(c.replace("-", " ") for c in between if c != UNLISTED)
+        first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
+        if UNLISTED in between:
+            return (f"{first}{either} explains it best, but {better}, {_times(gain):.0f} times the sensor's own "
+                    f"noise: either the torque has noise of {100.0 * share:.0f} % of its spread, or another law is "
+                    "at work.")
+        return f"{first}{either} explain the record equally well; {better}."
+    if verdict == "unexplained":
+        closest = ", then ".join(c.replace("-", " ") for c in found).capitalize()
+        near = f" {closest} come{'s' * (len(found) == 1)} closest ({better}), but" if closest else ""
+        if unasked:
+            known = unasked.replace("-", " ")
+            return f"Something is missing that none of the candidates explains;{near} {known} would."
+        return (f"Something is missing that no cause in the catalogue explains.{near} "
+                f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
+    return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
+
+
+def _times(gain: Gain) -> float:
+    """Error of free runs over the sensor's noise."""
+    return gain.held_out_rmse_after / gain.noise_floor if gain.noise_floor > 0.0 else 0.0
+
+
+def _loud(gain: Gain) -> str:
+    """What a cause that is in no catalogue may hide behind."""
+    if not np.isfinite(_times(gain)) or _times(gain) < LOUD:
+        return ""
+    return (f"; that is still {_times(gain):.0f} times the sensor's own noise, which the model takes for noise of "
+            "the torque")

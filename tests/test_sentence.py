@@ -1,0 +1,40 @@
+"""The verdict in words, and when a name is doubted."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
+
+NOISE = 0.02  # rad/s of the sensor
+
+
+def gain(before, after):
+    """Errors of free runs in units of the sensor's noise."""
+    return Gain("rad/s", 1.5, before * NOISE, after * NOISE, 90.0, 95.0, 0.0, NOISE, 0.0)
+
+
+@pytest.mark.parametrize(("before", "after", "share", "doubted"), [
+    (27.0, 10.5, 0.10, True),
+    (27.0, 10.5, 0.01, False),  # a torque may have that much noise
+    (27.0, 4.0, 0.10, False),  # of the sensor's own size
+    (60.0, 10.5, 0.10, False),  # little of what was there
+])
+def test_a_name_is_doubted_where_implausible_noise_takes_the_place_of_much(before, after, share, doubted):
+    assert taken_for_noise(gain(before, after), share) is doubted
+
+
+def test_the_doubt_is_said_with_its_size_and_what_would_settle_it():
+    between = ("hardening-stiffness", UNLISTED)
+    text = sentence_of("undetermined", ((), between, between[:1]), "", gain(27.0, 10.5), 0.08)
+    assert "hardening stiffness explains it best" in text and "10 times the sensor's own noise" in text
+    assert "8 % of its spread" in text and UNLISTED not in text
+    assert "Hold the torque" in experiment_of(between, "undetermined")
+
+
+def test_what_was_not_asked_for_is_said():
+    text = sentence_of("unexplained", ((), (), ()), "coulomb-load", gain(27.0, 27.0), 0.01)
+    assert text.endswith("none of the candidates explains; coulomb load would.")
+    named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
+    assert "lacks backlash" in named and "still 7 times the sensor's own noise" in named
