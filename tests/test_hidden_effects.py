@@ -14,12 +14,22 @@ RIVALS = ("backlash", "coulomb-load", "quadratic-drag", "hardening-stiffness", "
 # Hidden effect, machine: visible from motor torque and motor speed, or from the sensors the effect needs.
 NAMED = [("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11),
          ("load-step", 5), ("coulomb-load", 12), ("asymmetric-friction", 16), ("converter-lag", 19),
-         ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8)]
+         ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8), ("coulomb-motor", 31), ("stribeck-motor", 32),
+         ("stribeck-load", 33), ("load-dependent-damping", 34), ("third-mass", 35), ("imbalance", 36),
+         ("dead-time", 37), ("friction-drift", 38), ("wrong-scale", 39), ("wrong-sign-shaft", 40),
+         ("wrong-scale-shaft", 41)]
+# Two at once, and other kinds of record.
+MORE = [(("backlash", "coulomb-load"), 42, {}), ("backlash", 44, {"record": "closed-loop"}),
+        (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}}),
+        ("quadratic-drag", 45, {"record": "one-directional"})]
+# The whole catalogue.
+ALL = [("third-mass", 35), ("coulomb-motor", 47)]
 
 
-def answered(effect, machine, folder, labels, words):
+
+def answered(effect, machine, folder, labels, words, **options):
     """(what the tool says, codes of the label)."""
-    case = make_case(effect, machine)
+    case = make_case(effect, machine, **options)
     folder.mkdir()
     logs, _ = case.write(folder, labels, visibility=False)
     start = write_start(case, folder)
@@ -36,6 +46,21 @@ def test_a_hidden_effect_is_named(effect, machine, tmp_path):
     assert after <= before * 1.01
 
 
+@pytest.mark.parametrize(("effects", "machine", "options"), MORE)
+def test_pairs_and_other_kinds_of_record(effects, machine, options, tmp_path):
+    codes = (effects,) if isinstance(effects, str) else effects
+    rivals = ",".join(dict.fromkeys((*codes, *RIVALS)))
+    answer, causes = answered(effects, machine, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", rivals], **options)
+    assert grade(causes, answer) == "right", answer.talk
+
+
+@pytest.mark.parametrize(("effect", "machine"), ALL)
+def test_a_hidden_effect_is_named_out_of_the_whole_catalogue(effect, machine, tmp_path):
+    answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", [])
+    assert grade(causes, answer) == "right", answer.talk
+
+
 @pytest.mark.parametrize("machine", [7, 22])
 def test_nothing_is_found_where_nothing_is_hidden(machine, tmp_path):
     """With the whole catalogue; an offset of the torque (22) acts as the idle torque the base has."""
@@ -49,3 +74,14 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(tmp_path):
     answer, _ = answered("speed-filter", 20, tmp_path / "records", tmp_path / "labels", words)
     assert answer.verdict == "undetermined"
     assert set(answer.between) == {"speed-filter", "converter-lag"}
+
+
+@pytest.mark.parametrize(("effect", "machine", "rivals"), [
+    ("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load"),
+    ("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash")])
+def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, tmp_path):
+    """Either law imitates much: a shaft that hardens a gap, breakaway friction the plain dry one."""
+    answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", rivals], seed=machine)
+    assert grade(causes, answer, removed=True) == "right", answer.talk
+    assert answer.verdict in ("undetermined", "unexplained")

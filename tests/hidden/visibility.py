@@ -21,7 +21,7 @@ from tests.simulator.effects import BODY, SHAFT
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import Machine, State
 
-MOST_ROUNDS, FEW_ROUNDS = 40, 10
+MOST_ROUNDS = 60
 SMALL = 1e-4
 
 
@@ -95,7 +95,7 @@ def _fitted(model: _Model):
     point, damping = np.zeros(model.size), 1e-3
     left = model.white(model.residual(point))
     before = float(np.linalg.norm(left))
-    for _ in range(MOST_ROUNDS if model.linear else FEW_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         slope = model.sensitivity(point)
         square, pull = slope.T @ slope, slope.T @ left
         for _ in range(12):
