@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
@@ -23,7 +24,12 @@ def shown_by(listener: Listener) -> Iterator[None]:
 
 
 def tell(stage: str, done: int, total: int) -> None:
-    """Say how far a stage is; it is over when done reaches the total."""
+    """Say how far a stage is; it is over when done reaches the total.
+
+    What runs beside the main thread says nothing: a bar shows one stage at a time.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
     for listener in _listeners:
         listener(stage, done, total)
 

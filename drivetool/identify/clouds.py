@@ -160,7 +160,8 @@ def from_known(known: Covariance) -> Callable:
         for k in range(min(most or CLOUDS, CLOUDS)):
             start, warm = condensed(guess, seed + k)
             begun = dict(zip(task.free, values_of(start).tolist(), strict=True))
-            ends = [descend(start, "exact", hot)[:2] for hot in (warm, COLDEST)]
+            lowest = min((d.value for d in found), default=np.inf)
+            ends = [descend(start, "exact", hot, lowest)[:2] for hot in (warm, COLDEST)]
             value, end = min(ends, key=lambda pair: pair[0])
             found.append(Descent(begun, "exact", value, end))
             if most is None and confirmed(found, gap):

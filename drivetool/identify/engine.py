@@ -50,17 +50,15 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     problem = task.problem()
     if not is_hard(task):
         return _simply(task, problem, starts)
-    linear, lowest = task.linear_problem(), np.inf
+    linear = task.linear_problem()
 
-    def descend(start: Task, way: str, hot: float) -> tuple[float, Fit, Task]:
-        nonlocal lowest
+    def descend(start: Task, way: str, hot: float, lowest: float) -> tuple[float, Fit, Task]:
         point = Point(values_of(start), first_states(start.drive, task.roles, problem.traces))
         point, ratio = cooled(problem, linear if way == "linear" else None, point, hot)
         noise = fit_ratio(problem, point, Noise(ratio, None, problem.scale), quick=True)
         fit = fit_innovations(problem, point, noise, arrived=True, most=SCREEN)
         if not fit.converged and fit.value < lowest + HOPEFUL:
             fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
-        lowest = min(lowest, fit.value)
         return fit.value, fit, task.at_point(fit.point)
 
     def gap(one: Fit, other: Fit) -> float:
@@ -188,7 +186,7 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
     linear = task.linear_problem(segment)
     hard = is_hard(task) and not near
 
-    def descend(start: Task, way: str, hot: float) -> tuple[float, Solution, Task]:
+    def descend(start: Task, way: str, hot: float, _lowest: float) -> tuple[float, Solution, Task]:
         point = Point(values_of(start), segment_states(start, problem.traces, hot))
         point, _ = cooled(problem, linear if way == "linear" else None, point, hot)
         return ended(solve(problem, point, relative=1e-7, most=30))

@@ -7,7 +7,7 @@ grow with their number. A rejected trial costs a simulation without sensitivitie
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,14 +44,14 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     enough    cost from which on there is nothing left to gain
     returns   Solution
     """
-    normal = problem.normal(point, gains)
+    normal, ahead = problem.normal(point, gains), True
     for iteration in range(1, most + 1):
-        accepted, cost, damping = _accepted(problem, point, normal, gains, damping, hold)
-        if accepted is None:
+        trial = _accepted(problem, point, normal, gains, damping, hold, ahead)
+        if trial is None:
             return Solution(point, normal, iteration, True)
-        done = normal.cost - cost < relative * normal.cost or cost < enough
-        point, damping = accepted, max(damping / 8.0, 1e-12)
-        normal = problem.normal(point, gains)
+        done = normal.cost - trial.cost < relative * normal.cost or trial.cost < enough
+        point, damping, ahead = trial.point, max(trial.damping / 8.0, 1e-12), trial.first
+        normal = trial.normal or problem.normal(point, gains)
         if done:
             return Solution(point, normal, iteration, True)
     return Solution(point, normal, most, False)
@@ -61,21 +61,42 @@ def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most
              relative: float = 1e-6, damping: float = 1e-3,
              hold: np.ndarray | None = None) -> tuple[Point, float]:
     """A few steps towards the minimum: (point, cost there), no normal equations at the end."""
-    cost = np.inf
-    for _ in range(most):
-        normal = problem.normal(point, gains)
-        accepted, new, damping = _accepted(problem, point, normal, gains, damping, hold)
-        if accepted is None:
+    normal, cost, ahead = None, np.inf, True
+    for left in range(most - 1, -1, -1):
+        normal = normal or problem.normal(point, gains)
+        trial = _accepted(problem, point, normal, gains, damping, hold, ahead and left > 0)
+        if trial is None:
             return point, normal.cost
-        point, cost, damping = accepted, new, max(damping / 8.0, 1e-12)
-        if normal.cost - cost < relative * normal.cost:
+        done = normal.cost - trial.cost < relative * normal.cost
+        point, cost, normal = trial.point, trial.cost, trial.normal
+        damping, ahead = max(trial.damping / 8.0, 1e-12), trial.first
+        if done:
             break
     return point, cost
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """A better point, its cost and the damping that it took; first: whether it was the first that was tried.
+
+    normal  its normal equations, if they came with the cost
+    """
+
+    point: Point
+    cost: float
+    damping: float
+    first: bool
+    normal: Normal | None
+
+
 def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Gains] | None, damping: float,
-              hold: np.ndarray | None) -> tuple[Point | None, float, float]:
-    """(a better point, its cost, damping that it took); no point if none is better."""
+              hold: np.ndarray | None, ahead: bool) -> _Trial | None:
+    """A better point, None if there is none.
+
+    ahead  whether the first trial is simulated with sensitivities at once: they cost less than twice the
+           simulation, and where steps have been going well the trial is where the next one begins
+    """
+    first = True
     while damping < 1e12:
         step, own = marquardt_step(problem, point, normal, damping, hold)
         # A step clipped at a bound may point uphill (below zero); more damping turns it.
@@ -83,11 +104,20 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
             break
         trial = problem.moved(point, step, own)
         if not _too_far(problem, point, trial):
-            cost = problem.cost(trial, gains)
+            there = _whole(problem, trial, gains) if ahead and first else None
+            cost = problem.cost(trial, gains) if there is None else there.cost
             if cost < normal.cost:
-                return trial, cost, damping
+                return _Trial(trial, cost, damping, first, there)
+            first = False
         damping *= 4.0
-    return None, normal.cost, damping
+    return None
+
+
+def _whole(problem: Problem, trial: Point, gains: Sequence[Gains] | None) -> Normal:
+    """The normal equations at a trial, whose cost is infinite where the model diverges."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        normal = problem.normal(trial, gains)
+    return normal if np.isfinite(normal.cost) else replace(normal, cost=np.inf)
 
 
 def _promised(normal: Normal, step: np.ndarray, own: Sequence[np.ndarray]) -> float:

@@ -10,6 +10,7 @@ counts as confirmed; where not, more are made.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -35,6 +36,7 @@ WAYS = ((0, "linear", 10.0), (1, "linear", 1.0), (0, "exact", 10.0), (2, "linear
         (3, "linear", 1.0), (2, "exact", 10.0), (4, "linear", 1.0), (3, "linear", 10.0), (5, "linear", 1.0))
 
 AGAIN = ("linear", 0.1)  # from the best so far, where the last steps went astray
+AT_ONCE = 2  # descents that are made together to begin with
 EVERY = 3  # descents after which that is tried
 
 T = TypeVar("T")
@@ -51,28 +53,35 @@ class Descent(Generic[T]):
 
 
 def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
-             descend: Callable[[Task, str, float], tuple[float, T, Task]], gap: Callable[[T, T], float],
-             most: int | None = None) -> list[Descent[T]]:
-    """Descents from several starts, in the order made.
+             descend: Callable[[Task, str, float, float], tuple[float, T, Task]],
+             gap: Callable[[T, T], float], most: int | None = None) -> list[Descent[T]]:
+    """Descents from several starts, in the order made; the first two, of which no less will do, at once.
 
     starts   values to begin with, one mapping each
-    descend  (task at its start values, "linear" or "exact" observer, how hot) -> (-log likelihood, end,
-             the task at the end)
+    descend  (task at its start values, "linear" or "exact" observer, how hot, the lowest -log likelihood
+             so far) -> (-log likelihood, end, the task at the end)
     gap      (end, another) -> log likelihood by which the parameters of the two lie apart
     most     descents; None: as many as it takes for two to agree
     """
     candidates = ranked(task, starts, seed)
     found: list[Descent[T]] = []
     ends: list[Task] = []
-    ways = WAYS[: most or len(WAYS)]
-    for index, way, hot in counted("starts", ways, len(ways)):
+
+    def made(index: int, way: str, hot: float) -> tuple[Descent[T], Task]:
         start = candidates[min(index, len(candidates) - 1)]
-        value, end, there = descend(start, way, hot)
-        found.append(Descent(dict(zip(task.free, values_of(start).tolist(), strict=True)), way, value, end))
+        value, end, there = descend(start, way, hot, min((d.value for d in found), default=np.inf))
+        return Descent(dict(zip(task.free, values_of(start).tolist(), strict=True)), way, value, end), there
+
+    ways = WAYS[: most or len(WAYS)]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        pair = list(pool.map(lambda way: made(*way), ways[:AT_ONCE]))
+    for k, way in enumerate(counted("starts", ways, len(ways))):
+        descent, there = pair[k] if k < len(pair) else made(*way)
+        found.append(descent)
         ends.append(there)
         if len(found) % EVERY == 0:
-            i = min(range(len(found)), key=lambda k: found[k].value)
-            value, end, there = descend(ends[i], *AGAIN)
+            i = min(range(len(found)), key=lambda j: found[j].value)
+            value, end, there = descend(ends[i], *AGAIN, found[i].value)
             if value < found[i].value:
                 found[i], ends[i] = replace(found[i], value=value, end=end), there
         if most is None and confirmed(found, gap):

@@ -132,23 +132,32 @@ def descend(peer: Peer, job: Job) -> Reached:
 
 
 def _marquardt(peer, job, p, starts, gain, most, relative, bounds, hold, count):
-    """Levenberg-Marquardt with the start states eliminated; a rejected trial costs a simulation only."""
-    damping, cost = 1e-3, np.inf
-    for _ in range(most):
-        y, jac = peer.sensitivities(p, starts, gain)
-        count[0] += 1
+    """Levenberg-Marquardt with the start states eliminated.
+
+    As in the tool, the first trial comes with its sensitivities at once while trials are accepted; after
+    a rejected one trials cost a simulation only.
+    """
+    damping, cost, found, first = 1e-3, np.inf, None, True
+    for turn in range(most):
+        y, jac = found or _sensitivities(peer, p, starts, gain, count)
+        found, ahead, first = None, first and turn + 1 < most, True
         r, d = (y - job.speed).reshape(job.segments, LENGTH), jac.reshape(job.segments, LENGTH, 11)
         g, b = np.matmul(d.transpose(0, 2, 1), d), np.einsum("skq,sk->sq", d, r)
         before, better = float(np.vdot(r, r)), False
         while damping < 1e12:
             new, moved = _step(p, starts, g, b, damping, bounds, hold)
             if np.all(np.abs(new - p) < 0.5 * np.abs(p)) and np.all(np.isfinite(moved)):
-                e = peer.outputs(new, moved, gain) - job.speed
-                count[1] += 1
+                if ahead and first:
+                    found = _sensitivities(peer, new, moved, gain, count)
+                    e = found[0] - job.speed
+                else:
+                    e = peer.outputs(new, moved, gain) - job.speed
+                    count[1] += 1
                 cost = float(e @ e)
                 if cost < before:
                     better = True
                     break
+                found, first = None, False
             damping *= 4.0
         if not better:
             return p, starts, before
@@ -156,6 +165,11 @@ def _marquardt(peer, job, p, starts, gain, most, relative, bounds, hold, count):
         if before - cost < relative * before:
             break
     return p, starts, cost
+
+
+def _sensitivities(peer, p, starts, gain, count):
+    count[0] += 1
+    return peer.sensitivities(p, starts, gain)
 
 
 def _step(p, starts, g, b, damping, bounds, hold):
