@@ -62,8 +62,8 @@ def truth(machine):
     return found
 
 
-def judged(case, values, inside, bound):
-    """Print and check: coverage between 0.93 and 0.97 on average, variance within 1.15 of the bound.
+def judged(case, values, inside, bound, within=1.15):
+    """Print and check: coverage between 0.93 and 0.97 on average, variance within so much of the bound.
 
     values, inside  name -> one entry per fit; a fit that states no interval does not cover
     """
@@ -72,7 +72,7 @@ def judged(case, values, inside, bound):
     mean = float(np.mean(list(shares.values())))
     print(f"\n{case}: {fits(2000)} fits, coverage {mean:.3f}, {shares}; variance over the Cramer-Rao bound {over}")
     assert 0.93 <= mean <= 0.97
-    assert max(over.values()) < 1.15
+    assert max(over.values()) < within
 
 
 @pytest.mark.study
@@ -100,7 +100,11 @@ def test_notch_resonance_and_physical_parameters(case):
 
 @pytest.mark.study
 def test_the_fit_in_the_frequency_domain():
-    """Maximum likelihood over whole periods; friction too."""
+    """Maximum likelihood over whole periods; friction too.
+
+    Of the twelve periods one is left out for the transient and two go with the drift: a third more variance
+    than the whole record would allow, and friction, which the lowest lines alone show, pays twice that.
+    """
     drive, true = drive_of(RIG), truth(RIG)
     names = [n for n in true if "." in n]
     off = 1.0 + 0.1 * np.random.default_rng(1).uniform(-1.0, 1.0, len(names))
@@ -115,4 +119,4 @@ def test_the_fit_in_the_frequency_domain():
             if p.name in inside:
                 inside[p.name].append(p.ci95 is not None and p.ci95[0] <= true[p.name] <= p.ci95[1])
                 values[p.name].append(p.value)
-    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02))
+    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02), 2.0)
