@@ -62,17 +62,18 @@ def truth(machine):
     return found
 
 
-def judged(case, values, inside, bound, within=1.15):
-    """Print and check: coverage between 0.93 and 0.97 on average, variance within so much of the bound.
+def judged(case, values, inside, bound, looser=None):
+    """Print and check: coverage between 0.93 and 0.97 on average, variance within 1.15 of the bound.
 
     values, inside  name -> one entry per fit; a fit that states no interval does not cover
+    looser          name -> another factor of the bound
     """
     shares = {name: round(float(np.mean(x)), 3) for name, x in inside.items()}
     over = {name: round(float(np.nanvar(x) / bound[name] ** 2), 3) for name, x in values.items()}
     mean = float(np.mean(list(shares.values())))
     print(f"\n{case}: {fits(2000)} fits, coverage {mean:.3f}, {shares}; variance over the Cramer-Rao bound {over}")
     assert 0.93 <= mean <= 0.97
-    assert max(over.values()) < within
+    assert all(ratio < {**dict.fromkeys(over, 1.15), **(looser or {})}[name] for name, ratio in over.items())
 
 
 @pytest.mark.study
@@ -102,8 +103,8 @@ def test_notch_resonance_and_physical_parameters(case):
 def test_the_fit_in_the_frequency_domain():
     """Maximum likelihood over whole periods; friction too.
 
-    Of the twelve periods one is left out for the transient and two go with the drift: a third more variance
-    than the whole record would allow, and friction, which the lowest lines alone show, pays twice that.
+    Of the twelve periods the first is left out for the transient; where the drive starts from rest that is
+    also what shows friction best, so friction is only checked to a half more than its bound.
     """
     drive, true = drive_of(RIG), truth(RIG)
     names = [n for n in true if "." in n]
@@ -119,4 +120,5 @@ def test_the_fit_in_the_frequency_domain():
             if p.name in inside:
                 inside[p.name].append(p.ci95 is not None and p.ci95[0] <= true[p.name] <= p.ci95[1])
                 values[p.name].append(p.value)
-    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02), 2.0)
+    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02),
+           {"motor.viscous": 1.5, "load.viscous": 1.5})

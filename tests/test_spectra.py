@@ -137,6 +137,21 @@ def test_noise_variance_over_periods_is_that_of_many_runs():
     assert np.median(np.mean(np.abs(g - g.mean(axis=0)) ** 2, axis=0) / stated) == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize("periods", [3, 6, 12])
+def test_a_drift_leaves_the_lines_alone_and_costs_no_period(periods):
+    """The transient of a slow pole, of five periods, as large as the response itself."""
+    size, lines = 400, np.array([2, 5, 20, 60])
+    u = np.tile(multisine(size, lines, 3), periods)
+    slow = 3.0 * np.exp(-np.arange(len(u)) / (5.0 * size))
+    # What repeats begins steady: the filter has run for long.
+    y = signal.lfilter(B, A, np.tile(u, 20))[-len(u):]
+    found = lines_of(np.column_stack([u, y + slow]), STEP, size, 0)
+    assert len(found.u) == periods
+    r = periodic_response([found])
+    np.testing.assert_allclose(r.g, true(r.frequency), rtol=1e-3, atol=1e-3 * np.abs(true(r.frequency)).max())
+    assert np.all(r.noise < 1e-4 * np.abs(r.g) ** 2)
+
+
 @pytest.mark.parametrize(("even", "odd"), [(0.02, 0.0), (0.0, 0.01), (0.02, 0.01), (0.0, 0.0)])
 def test_even_and_odd_distortion_are_told_apart(even, odd):
     lines = np.array([k for k in range(1, 120, 2) if k % 8 != 5])  # odd lines, every fourth left out

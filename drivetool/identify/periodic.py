@@ -17,7 +17,9 @@ from drivetool.identify.frf import Response
 
 PERIODIC = 0.9  # correlation with itself one period later that is taken for periodic
 STEP_DOWN = 3.0  # ratio of neighbouring amplitudes, sorted, that parts excited lines from leftovers
-FEW = 10  # periods below which variances are smoothed over neighbouring lines: weights must not be a lottery
+STEADY = 45  # values behind a variance, of periods times neighbouring lines: weights must not be a lottery
+MOST_WIDE = 2  # lines to either side that they may be taken from
+PASSES = 2  # of taking slow changes off
 SURE = 9.0  # power over that of the noise above which a level is said to be there
 
 
@@ -113,9 +115,8 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
             f"two periods of {size * step:g} s after {skip} for the transient",
             f"{len(stretch) * step:g} s", "Record more periods, or do without --method periodic.")
     x = stretch[len(stretch) - count * size:]  # the last ones: furthest from the transient
-    for _ in range(2 if count >= 6 else int(count >= 4)):
-        x = _without_drift(x, size)
-        count -= 1
+    for _ in range(PASSES):
+        x = x - _drift(x, size)
     slope = (x[-size:].mean(axis=0) - x[:size].mean(axis=0)) / ((count - 1) * size)
     x = x - x.mean(axis=0) - slope * (np.arange(len(x)) - 0.5 * len(x))[:, None]
     spectra = np.fft.rfft(x.reshape(count, size, -1), axis=1)[:, 1: (size - 1) // 2 + 1] / size
@@ -126,19 +127,26 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
     return Lines(u, y, r, step, size, excited)
 
 
-def _without_drift(x: np.ndarray, size: int) -> np.ndarray:
-    """A period less of the signals, without what changes slowly: their mean over a period around each sample.
+def _drift(x: np.ndarray, size: int) -> np.ndarray:
+    """What changes slowly in the signals: their mean over a period around each sample.
 
     A free drive drifts, and a transient of its slow pole outlasts any record; the mean over a whole period
-    has zeros at all lines of the excitation, so that what repeats is not touched.
+    has zeros at all lines of the excitation, so that what repeats is not touched. Over the half periods
+    at both ends it goes on as the parabola through the period beside them.
     """
     total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
     mean = (total[size:] - total[:-size]) / size  # over x[i: i + size], centred at i + (size - 1)/2
     first = (size - 1) // 2
     if size % 2 == 0:
         mean, first = 0.5 * (mean[:-1] + mean[1:]), size // 2
-    keep = len(x) - size
-    return x[first: first + keep] - mean[:keep]
+    t = np.arange(len(x))
+    last, found = first + len(mean), np.empty_like(x)
+    found[first:last] = mean
+    for inside, outside in ((t[first:first + size], t[:first]), (t[max(last - size, first):last], t[last:])):
+        middle = inside.mean()
+        powers = np.vander((inside - middle) / size, 3)
+        found[outside] = np.vander((outside - middle) / size, 3) @ np.linalg.lstsq(powers, found[inside])[0]
+    return found
 
 
 def excited_lines(x: np.ndarray) -> np.ndarray:
@@ -192,16 +200,15 @@ def _of_run(run: Lines, excited: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     suu, syy = np.sum(np.abs(du) ** 2, axis=0) / scale, np.sum(np.abs(dy) ** 2, axis=0) / scale
     syu = np.sum(dy * np.conj(du), axis=0) / scale
     g = ym / um
-    if p < FEW:
-        suu, syy, syu = (_smooth(a) for a in (suu, syy, syu))
+    suu, syy, syu = (_smooth(a, 2 * int(np.ceil(0.5 * (STEADY / p - 1.0))) + 1) for a in (suu, syy, syu))
     # Noise that feeds back to the input is in both: the covariance takes it out again.
     relative = syy / np.abs(ym) ** 2 + suu / np.abs(um) ** 2 - 2.0 * (syu / (ym * np.conj(um))).real
     return g, np.abs(g) ** 2 * np.maximum(relative, 0.0), syy
 
 
-def _smooth(x: np.ndarray, width: int = 5) -> np.ndarray:
-    """Mean over neighbouring lines; the ends as they are extended."""
-    half = min(width // 2, (len(x) - 1) // 2)
+def _smooth(x: np.ndarray, width: int) -> np.ndarray:
+    """Mean over an odd number of neighbouring lines; the ends as they are extended."""
+    half = max(min(width // 2, MOST_WIDE, (len(x) - 1) // 2), 0)
     return np.convolve(np.pad(x, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
 
 
