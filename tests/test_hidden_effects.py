@@ -69,6 +69,14 @@ def test_nothing_is_found_where_nothing_is_hidden(machine, tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
+def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
+    """The torque of an instant holds the sensor's noise of that instant: it must not be blamed on the drive."""
+    answer, _ = answered("none", 60104, tmp_path / "records", tmp_path / "labels",
+                         ["--candidates", "quadratic-drag,coulomb-load"], record="closed-loop", noise="loud",
+                         seed=60104)
+    assert answer.verdict == "nothing-found", answer.talk
+
+
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(tmp_path):
     words = ["--candidates", "speed-filter,converter-lag,backlash"]
     answer, _ = answered("speed-filter", 20, tmp_path / "records", tmp_path / "labels", words)

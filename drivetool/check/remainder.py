@@ -40,8 +40,9 @@ def remainder(model: Model) -> Remainder:
     z, torque, speed, lengths = [], [], [], []
     for f, t in zip(passes, model.problem.traces, strict=True):
         e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
-        good = np.isfinite(e)
-        z.append(e[good])
+        good = np.flatnonzero(np.isfinite(e[1:]))
+        z.append(e[1 + good])
+        # Of the sample before: feedback makes the torque of the same instant depend on what was measured.
         torque.append(t.inputs[good, 0])
         speed.append(f.states[good, 0])
         lengths.append(round(PIECE / t.step))
