@@ -156,7 +156,7 @@ def _load_damping(base: Model) -> list[Start]:
 
 
 def _third_mass(base: Model) -> list[Start]:
-    return [Start(task, (), steps=25) for task in likely_tips(base)]
+    return [Start(task, (), steps=10) for task in likely_tips(base)]
 
 
 def _ripple(base: Model) -> list[Start]:
