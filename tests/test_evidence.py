@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.special import erfc
+from scipy.special import erfc, erfcx
 
 from drivetool.check.decide import decide
-from drivetool.check.heldout import LOOKED, Score, surprise, total_evidence
+from drivetool.check.heldout import LOOKED, Score, log_tail, surprise, total_evidence
 from drivetool.identify.noise import minus_log_likelihood
 
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
@@ -23,6 +23,15 @@ def score(lead, gains=AGREES, further=1, code="quadratic-drag", ratio=-30.0):
 @pytest.mark.parametrize("lead", [5.0, 12.0, 20.0])
 def test_of_one_parameter_the_chance_is_that_of_a_normal_variable(lead):
     assert np.exp(-surprise(score(lead))) == pytest.approx(LOOKED * erfc(np.sqrt(lead)), rel=1e-9)
+
+
+@pytest.mark.parametrize("x", [600.0, 1100.0, 1200.0, 1e4, 1e6])
+def test_evidence_is_a_number_however_strong_it_is(x):
+    """The share itself is zero beyond 1480: erfc for one degree, exp(-x/2) for two, (1 + x/2) of that for four."""
+    assert log_tail(x, 1) == pytest.approx(np.log(erfcx(np.sqrt(0.5 * x))) - 0.5 * x, abs=1e-5)
+    assert log_tail(x, 2) == pytest.approx(-0.5 * x, abs=1e-9 * x)
+    assert log_tail(x, 4) == pytest.approx(np.log1p(0.5 * x) - 0.5 * x, abs=1e-5)
+    assert decide([score(0.5 * x)], 0.01).evidence > 60.0
 
 
 def test_more_parameters_need_a_larger_lead():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincc, gammaln
 
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread
@@ -176,7 +176,16 @@ def surprise(one: Score, gained: float = 0.0) -> float:
     """
     if one.gain < one.gain_std or one.lead < INEXACT * gained:
         return -np.inf
-    return float(-chi2.logsf(2.0 * max(one.lead, 0.0), one.further) - np.log(LOOKED))
+    return float(-log_tail(2.0 * max(one.lead, 0.0), one.further) - np.log(LOOKED))
+
+
+def log_tail(x: float, degrees: int) -> float:
+    """Log of the share of a chi-square above x; far out, where the share is no number any more, by its series."""
+    half, there = 0.5 * degrees, float(gammaincc(0.5 * degrees, 0.5 * x))
+    if there > 1e-250:
+        return float(np.log(there))
+    y = 0.5 * x
+    return float((half - 1.0) * np.log(y) - y - gammaln(half) + np.log1p((half - 1.0) / y))
 
 
 def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:

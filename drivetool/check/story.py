@@ -10,7 +10,7 @@ import numpy as np
 
 from drivetool.check.candidates import torque_size
 from drivetool.check.decide import Decision
-from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, State
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
@@ -95,6 +95,7 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     if verdict == "named" and search.causes and taken_for_noise(gain, share):
         verdict, doubted = "undetermined", max(search.causes, key=lambda c: search.evidence[c])
         causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
+        search.rounds = [_doubting(one, doubted) for one in search.rounds]
     experiment = experiment_of(between, verdict)
     sentence = sentence_of(verdict, (causes, between, tuple(search.causes)), search.unasked, gain, share)
     found = (*(f.finding for f in search.faults), *search.notes)
@@ -103,6 +104,12 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         estimate, verdict, causes if verdict != "unexplained" else faults,
         between if verdict == "undetermined" else (), experiment,
         dict(search.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+
+
+def _doubting(one: Round, code: str) -> Round:
+    """A round in which a cause is not named any more."""
+    return replace(one, candidates=tuple(
+        replace(c, state="possible") if c.code == code and c.state == "named" else c for c in one.candidates))
 
 
 def _verdict(search: Search, causes: Sequence[str]) -> str:
