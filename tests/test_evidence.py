@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
-from drivetool.check.decide import decide
+from drivetool.check.decide import Decision, decide
+from drivetool.check.diagnose import Search
 from drivetool.check.heldout import LOOKED, Score, log_tail, surprise, total_evidence
 from drivetool.identify.noise import minus_log_likelihood
 
@@ -56,6 +57,33 @@ def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says()
     found = [decide([score(lead)], 0.05).best is not None for lead in most]
     assert np.mean(found) < 0.05
     assert decide([score(22.0)], 0.05).best is not None
+
+
+def test_a_cause_that_is_picked_from_a_list_counts_as_one_parameter():
+    assert surprise(score(20.0, further=0)) == surprise(score(20.0, further=1))
+
+
+def told(after, scatter=0.0):
+    return SimpleNamespace(held_out_rmse_before=1.0, held_out_rmse_after=after, rmse_std=scatter)
+
+
+@pytest.mark.parametrize(("first", "second", "gained", "best", "against"), [
+    (told(0.9), told(0.5), 1e4, "first", set()),
+    (told(1.05), told(0.5), 1e4, "first", set()),  # a little is no objection
+    (told(1.3, 0.4), told(0.5), 1e4, "first", set()),  # nor what scatters as much
+    (told(1.3, 0.1), told(0.9), 1e4, "second", {"first"}),
+    (told(1.3), told(1.2), 1e4, None, {"first", "second"}),
+    (told(1.3), told(1.2), 10.0, "first", set()),  # much by itself: no makeshift for what came before
+])
+def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gained, best, against):
+    """first has the larger gain per step; gains are stood in for."""
+    scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
+    gains = {"first": first, "second": second}
+    search = SimpleNamespace(trained=(), gained=gained, gain_between=lambda _, after: gains[after[0].code])
+    decision = Decision(scores[0], ("first", "second"), 100.0)
+    found, _, objected = Search._foretelling(search, decision, scores)
+    assert (found.best and found.best.model.code) == best and objected == against
+    assert set(found.between) == ({"first", "second"} - against if best else set())
 
 
 def test_either_way_of_finding_costs_half_of_the_budget():

@@ -102,3 +102,17 @@ def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
                                    np.zeros((plant.nx, plant.nx)), False))
     np.testing.assert_allclose(passes[1].innovations, passes[0].innovations, atol=1e-9)
     np.testing.assert_allclose(passes[1].variance, passes[0].variance, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["drag", "stribeck", "filter"])
+def test_a_dead_time_of_nothing_beside_a_law_has_sensitivities(name):
+    """A fit comes to rest there: the sample must not have a part without length."""
+    _, drive, plain, trace = runs_of(name)
+    free = ("motor.inertia", "converter.dead_time")
+    late = replace(drive, values={**drive.values, "converter.dead_time": 0.0})
+    plant = plant_of(late, Layout(free, ("motor_torque",), OUTPUTS, STEP))
+    out, jac = plant.jacobian(trace, np.zeros(plant.nx))
+    assert np.isfinite(jac).all() and np.abs(jac[:, 0, 1]).max() > 1.0
+    # At most a thousandth of a sample later.
+    step = np.abs(np.diff(plain.outputs(trace, np.zeros(plain.nx))[:, 0])).max()
+    assert rms(out[:, 0] - plain.outputs(trace, np.zeros(plain.nx))[:, 0]) < 2e-3 * step

@@ -40,9 +40,13 @@ from drivetool.progress import counted
 
 WORKERS = 2
 NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
+HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
+LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
+SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
+AGAINST = "free runs over data held out become worse with it"
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -179,12 +183,17 @@ class Search:
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget, self.gained)
+            decision, stage, against = self._foretelling(decision, scores)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
-            results = results_of(asked, scores, decision, self.model, self.gained)
+            results = tuple(replace(r, reason=AGAINST) if r.code in against else r for r in results_of(
+                asked, scores, decision, self.model, self.gained))
             if decision.best is not None and decision.best.model.code not in self.asked:
                 self.unasked = decision.best.model.code
-            stage = None if decision.best is None or last or self.unasked else self._adopt(decision)
+            if decision.best is None or last or self.unasked:
+                stage = None
+            else:
+                self._adopt(decision)
             self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
             if stage is None or (len(decision.between) > 1 and self.confident):
@@ -228,7 +237,7 @@ class Search:
         """
         before = self.model.value
         for t in self._likely(tried)[:REFITS]:
-            trial = without(t.model, self.model, self.masks)
+            trial = without(t.model, self.model, self.masks, self.model.value)
             if trial.value < self.model.value - 0.5:
                 self.model = trial
         if self.model.value > before - TRIFLE:
@@ -272,10 +281,27 @@ class Search:
                                   pool.map(one, likely), len(likely)))
         return [s for s in scores if s is not None]
 
-    def _adopt(self, decision: Decision) -> Gain:
+    def _foretelling(self, decision: Decision, scores: Sequence[Score]) -> tuple[Decision, Gain | None, set[str]]:
+        """(the decision without causes that free runs over data held out speak against, gain of the best, those).
+
+        A law that gains little beside those before it, mends single steps and spoils the run makes up for what
+        they are not exact in.
+        """
+        against: set[str] = set()
+        tied = [s for s in scores if s.model.code in decision.between]
+        for s in sorted(tied, key=lambda s: -s.gain):
+            stage, code = self.gain_between(self.trained, s.trained), s.model.code
+            change = stage.held_out_rmse_after - stage.held_out_rmse_before
+            worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
+            if not (worse and s.gain < LITTLE * self.gained):
+                between = tuple(c for c in decision.between if c not in against)
+                return replace(decision, best=s, between=between), stage, against
+            against.add(code)
+        return replace(decision, best=None, between=()), None, against
+
+    def _adopt(self, decision: Decision) -> None:
         """Make the winner the base of the next round."""
         best, code = decision.best, decision.best.model.code
-        stage = self.gain_between(self.trained, best.trained)
         if code in self.between:
             self.between = ()  # not one or the other, but both
         elif len(decision.between) > 1 and not self.between:
@@ -285,7 +311,6 @@ class Search:
         self.gained += best.gain
         self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
         self.model, self.trained = best.model, best.trained
-        return stage
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless."""
@@ -325,11 +350,17 @@ class Search:
         return self.left.total <= max(LEFT * self.gained, 10.0)
 
 
-def without(model: Model, base: Model, masks: Masks) -> Model:
-    """The base fitted from the values that a model with a cause has for its parameters."""
+def without(model: Model, base: Model, masks: Masks, goal: float = np.inf) -> Model:
+    """The base fitted from the values that a model with a cause has for its parameters.
+
+    goal  -log likelihood that it should reach; far above it after two rounds it is given up
+    """
     values = dict(zip(model.task.free, model.point.values, strict=True))
     task = base.task.at({n: float(values[n]) for n in base.task.free if n in values})
-    return fit("base", task, base.problem, carried(model, task, base.problem), base.noise, masks, rounds=8)
+    begun = fit("base", task, base.problem, carried(model, task, base.problem), base.noise, masks, rounds=2)
+    if begun.value > goal + HOPELESS:
+        return begun
+    return fit("base", task, base.problem, begun.point, begun.noise, masks, rounds=6)
 
 
 def sensor_std(model: Model) -> float:

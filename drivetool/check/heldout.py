@@ -176,7 +176,7 @@ def surprise(one: Score, gained: float = 0.0) -> float:
     """
     if one.gain < one.gain_std or one.lead < INEXACT * gained:
         return -np.inf
-    return float(-log_tail(2.0 * max(one.lead, 0.0), one.further) - np.log(LOOKED))
+    return float(-log_tail(2.0 * max(one.lead, 0.0), max(one.further, 1)) - np.log(LOOKED))
 
 
 def log_tail(x: float, degrees: int) -> float:

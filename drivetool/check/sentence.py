@@ -50,7 +50,8 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     """
     causes, between, found = codes
     words = " and ".join(c.replace("-", " ") for c in causes)
-    better = (f"in free runs of {gain.segment:.3g} s over data held out the error falls from "
+    way = "falls" if gain.held_out_rmse_after < gain.held_out_rmse_before else "goes"
+    better = (f"in free runs of {gain.segment:.3g} s over data held out the error {way} from "
               f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
     if verdict == "named":
         left = "" if gain.unexplained_percent < 1.0 else (

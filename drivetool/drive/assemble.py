@@ -306,10 +306,11 @@ class Assembly:
             row[self.states.index(f"{role}.zero")] = one
         return row, -1
 
-    def system(self, pieces: int = 1) -> System:
+    def system(self, pieces: int = 1, shortest: float = 0.0) -> System:
         """The arrays for the kernel.
 
-        pieces  into which every part of a sample is cut
+        pieces    into which every part of a sample is cut
+        shortest  length of the part before the dead time switches, over a sample
         """
         nx, nz, nq = self.nx, self.constant + 1, self.nq
         rows = np.zeros((nx, nz, 1 + nq))
@@ -325,7 +326,7 @@ class Assembly:
         outputs, output_gap = self._outputs()
         h = self.layout.step
         samples = self.dead_time.v / h
-        part = max(samples - int(samples + 1e-9), 0.0) * h  # as the whole samples are counted
+        part = max(samples - int(samples + 1e-9), shortest) * h  # as the whole samples are counted
         spans = np.array([part, h - part]) if self.acts_on_path("dead_time") else np.array([h])
         bodies = sorted(self.frictions)
         memory = np.ones(nx)

@@ -19,6 +19,7 @@ from drivetool.drive.smooth_events import law_rough_step, show
 from drivetool.drive.system import PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
+SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
 FASTEST = 0.7  # rate of the modes times the longest stretch over which a parabola is good enough
 
 
@@ -34,7 +35,7 @@ def augmented(assembly: Assembly) -> tuple[System, Laws | None]:
     if not assembly.laws:
         return assembly.system(), None
     plain = assembly.system()
-    system = _widened(assembly, assembly.system(_pieces(plain)))
+    system = _widened(assembly, assembly.system(_pieces(plain), SHORTEST))
     return system, _laws(assembly, system, plain.nx)
 
 

@@ -50,8 +50,10 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
         if trial is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - trial.cost < relative * normal.cost or trial.cost < enough
-        point, damping, ahead = trial.point, max(trial.damping / 8.0, 1e-12), trial.first
-        normal = trial.normal or problem.normal(point, gains)
+        there = trial.normal or _whole(problem, trial.point, gains)
+        if not np.isfinite(there.cost):
+            return Solution(point, normal, iteration, False)
+        point, normal, damping, ahead = trial.point, there, max(trial.damping / 8.0, 1e-12), trial.first
         if done:
             return Solution(point, normal, iteration, True)
     return Solution(point, normal, most, False)
@@ -63,7 +65,9 @@ def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most
     """A few steps towards the minimum: (point, cost there), no normal equations at the end."""
     normal, cost, ahead = None, np.inf, True
     for left in range(most - 1, -1, -1):
-        normal = normal or problem.normal(point, gains)
+        normal = normal or _whole(problem, point, gains)
+        if not np.isfinite(normal.cost):
+            return point, cost
         trial = _accepted(problem, point, normal, gains, damping, hold, ahead and left > 0)
         if trial is None:
             return point, normal.cost
@@ -114,10 +118,12 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
 
 
 def _whole(problem: Problem, trial: Point, gains: Sequence[Gains] | None) -> Normal:
-    """The normal equations at a trial, whose cost is infinite where the model diverges."""
+    """The normal equations at a trial, whose cost is infinite where the model or a sensitivity diverges."""
     with np.errstate(over="ignore", invalid="ignore"):
         normal = problem.normal(trial, gains)
-    return normal if np.isfinite(normal.cost) else replace(normal, cost=np.inf)
+    finite = np.isfinite(normal.cost) and all(
+        np.isfinite(a).all() for a in (normal.shared, normal.slope, *normal.own, *normal.cross))
+    return normal if finite else replace(normal, cost=np.inf)
 
 
 def _promised(normal: Normal, step: np.ndarray, own: Sequence[np.ndarray]) -> float:
