@@ -13,13 +13,16 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import subprocess
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
+from io import StringIO
 from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
@@ -29,7 +32,7 @@ import pytest
 from scipy.stats import beta
 
 from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
-from tests.hidden.command import GRADES, Answer, Running, ask, grade, run, run_inside
+from tests.hidden.command import GRADES, Answer, Running, ask, grade, run
 from tests.hidden.visibility import separation
 
 ROOT = Path(__file__).parent.parent
@@ -95,6 +98,22 @@ def plans(cases: int, nulls: int) -> list[Plan]:
         found += [Plan("none", f"none/{j}", (), varied(FIRST_NULL + j))
                   for j in range(i * per_round, min((i + 1) * per_round, nulls))]
     return found
+
+
+def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedProcess:
+    """The same command in this process, which it must have for itself: it moves to `folder`.
+
+    Saves the start of an interpreter per command. Only for records without a label that it could see.
+    """
+    from drivetool.cli.main import app
+
+    command, out, err = [str(word) for word in words], StringIO(), StringIO()
+    with chdir(folder), redirect_stdout(out), redirect_stderr(err):
+        try:
+            code = app(command, standalone_mode=True) or 0
+        except SystemExit as end:
+            code = end.code
+    return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
 
 
 def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:

@@ -8,9 +8,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 
 import yaml
@@ -49,28 +47,12 @@ def run(folder: Path, words: Sequence[object], timeout: float = 600.0) -> subpro
         return subprocess.CompletedProcess(command, 124, "", f"not done after {timeout:g} s")
 
 
-def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedProcess:
-    """The same command in this process, which it must have for itself: it moves to `folder`.
-
-    Saves the start of an interpreter per command. Only for records without a label that it could see.
-    """
-    from drivetool.cli.main import app
-
-    command, out, err = [str(word) for word in words], StringIO(), StringIO()
-    with chdir(folder), redirect_stdout(out), redirect_stderr(err):
-        try:
-            code = app(command, standalone_mode=True) or 0
-        except SystemExit as end:
-            code = end.code
-    return subprocess.CompletedProcess(command, code or 0, out.getvalue(), err.getvalue())
-
-
 def ask(folder: Path, logs: Sequence[Path], start: Path, options: Sequence[str] = (),
         more: Sequence[object] = (), running: Running = run) -> Answer:
     """greybox, then diagnose.
 
     folder   with the records; base.yaml and extended.yaml appear in it
-    options  for greybox; more: for diagnose, as --candidates or --holdout; running: `run` or `run_inside`
+    options  for greybox; more: for diagnose, as --candidates or --holdout; running: `run` or something like it
     """
     names = [Path(log).name for log in logs]
     done = running(folder, ["greybox", *names, "--params", Path(start).name, "--out", "base.yaml", *options])
