@@ -340,7 +340,7 @@ class Assembly:
             np.array(bodies, np.int64), self._jets([self.frictions[b] for b in bodies]), outputs, output_gap,
             _picks(outputs, output_gap), np.repeat(spans, pieces) / pieces, (len(spans) - 1) * pieces,
             self.dead_time.d, memory, nx, self.nu, nq, len(self.gaps), len(self.frictions),
-            len(outputs), ns)
+            len(outputs), ns, nx)
 
     def _jets(self, duals: Sequence[Dual]) -> np.ndarray:
         return np.array([d.jet() for d in duals]).reshape(len(duals), 1 + self.nq)

@@ -67,10 +67,9 @@ def _widened(assembly: Assembly, s: System) -> System:
                 outputs[k, value, 0] = 1.0
     mass = np.zeros((nx, jet))
     mass[:n], mass[n:, 0] = s.mass, 1.0
-    ns = s.ns if assembly.layout.gradient else nx
     picks = np.where(outputs[:, n:, 0].any(axis=1), -1, s.picks)
     return s._replace(rows=rows, mass=mass, spring=_wide(s.spring, nx), outputs=outputs, picks=picks,
-                      memory=np.concatenate([s.memory, np.ones(more)]), nx=nx, ns=ns)
+                      memory=np.concatenate([s.memory, np.ones(more)]), nx=nx)
 
 
 def _wide(rows: np.ndarray, nx: int) -> np.ndarray:
@@ -103,13 +102,13 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
             half[m] = assembly.gaps[law.shaft].jet()
         if law.slides:
             friction[m] = frictions.index(law.body)
+    turns = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
     code = np.array([NAMES.index(law.name) for law in assembly.laws], np.int64)
-    # Columns as wide as those of a pass with and of one without free parameters ask for.
-    ns, more = s.ns, CHAIN * nl
+    ns = s.ns
     shown = bool(s.outputs[:, first:, 0].any())
     return Laws(
-        code, arguments, parameters, gap, half, friction, first, shown,
-        np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, ns)),
-        np.zeros((nl, s.nx)), np.zeros((3, s.nx, ns)), np.zeros((s.nx, more)), np.zeros((3, s.nx, more)),
-        np.zeros((2, s.nx, ns)), np.zeros((2, s.nx, more)),
+        code, arguments, parameters, gap, half, turns, friction, first, shown,
+        np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
+        np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
+        np.zeros((nl, s.nx)), np.zeros((first, ns)), np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
         address(law_torque), address(law_columns), address(law_rough_step), address(show) if shown else 0)

@@ -19,7 +19,7 @@ def see_through(laws, row):
     for m in range(laws.code.size):
         at = laws.first + 3 * m
         if row[at] != 0.0:
-            slope_of(laws.arguments, m, laws.found[0, m], laws.slopes[m])
+            slope_of(laws.arguments, m, laws.found[0, m], laws.slopes[m], laws.first)
             for j in range(laws.first):
                 row[j] += row[at] * laws.slopes[m, j]
             row[at] = 0.0
@@ -29,21 +29,21 @@ def see_through(laws, row):
 def add_noise(leap, k, row, b):
     """Carry the effect of a torque held over the sample through a part of it, by the mode at its end.
 
-    Noise thus does not move a body that sticks. b (nx,) is scratch.
+    Noise thus does not move a body that sticks. row (n,) is over the drive's own states, b is scratch.
     """
-    nx = row.size
-    for j in range(nx):
-        b[j] = leap[k, j, nx]
-        for m in range(nx):
+    n, first = row.size, leap.shape[1]
+    for j in range(n):
+        b[j] = leap[k, j, first]
+        for m in range(n):
             b[j] += leap[k, j, m] * row[m]
-    for j in range(nx):
+    for j in range(n):
         row[j] = b[j]
 
 
 @njit(**HOT)
 def update(p, row, r, gain):
-    """Measurement update of the covariance p; returns the variance of the innovation."""
-    nx = row.size
+    """Measurement update of the covariance p (n, n); returns the variance of the innovation."""
+    nx = p.shape[0]
     var = r
     for j in range(nx):
         v = 0.0
@@ -92,7 +92,7 @@ def correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p,
         known = e == e
         if known:
             var[i, m] = update(p, row, r[m], k)
-        for j in range(x.size):
+        for j in range(p.shape[0]):
             if gain.shape[0] > 0:
                 gain[i, m, j] = k[j] if known else 0.0
             if known:
@@ -106,17 +106,17 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
     system, cache, smooth  as for `run`; no free parameters, and ns = nx columns
     r        (ny,)        sensor variances relative to that of the first output
     q        torque noise variance, entering with the first input; extra (nx,) on the states
-    p        (nx, nx)     covariance of the start state, changed
-    gain     (n, ny, nx)  or (0, ny, nx); var (n, ny); innov (n, ny), NaN where unmeasured
+    p        (plain, plain) covariance of the start state, changed
+    gain     (n, ny, nx)  or (0, ny, nx), zero for what lies behind the plain states; var (n, ny); innov (n, ny), NaN where unmeasured
     states   (n, nx)      filtered states, or (0, nx)
     """
     s, c = read_system(system), read_cache(cache)
-    nx = s.nx
+    nx = s.plain
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
     n, parts, early, fades, number = mode.size, s.spans.size, s.early, fading(memory), -1
-    row, b, k = c.vectors[0], c.vectors[1], c.vectors[2]
+    row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     f, t = c.transition, c.columns[0]
     reclassify(spring, slip_rows, reach, x, mode, guards)
     for i in range(u.shape[0]):
@@ -130,7 +130,7 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
                 f[j, m] = 1.0 if j == m else 0.0
             if states.shape[0] > 0:
                 states[i, j] = x[j]
-            row[j] = 0.0
+            noise[j] = 0.0
         for part in range(parts):
             held = late if part < early else u
             if smooth is None and (number < 0 or parts > 1):
@@ -142,8 +142,6 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
             elif not plain_step(leap, dleap, watch, looks, reach, level, number, x, held, i, f, mode, b, t):
                 rough_step(c.rough, s, c, x, held, i, f, mode, part)
                 number = lookup(s, c, mode, part)
-            add_noise(leap, number, row, b)
-        if smooth is not None:
-            f[read_laws(smooth).first:] = 0.0
+            add_noise(leap, number, noise, b)
         forget(memory, fades, x, f)
-        advance_covariance(p, f, row, q, extra, t)
+        advance_covariance(p, f, noise, q, extra, t)

@@ -61,6 +61,17 @@ def side_of(gap, friction, m, mode, gaps):
 
 
 @njit(**HOT)
+def argument(row, x, first):
+    """An argument of a law, row (nx, 1 + nq), at a state; two masses without a loop."""
+    if first == 3:
+        return row[0, 0] * x[0] + row[1, 0] * x[1] + row[2, 0] * x[2]
+    v = 0.0
+    for j in range(first):
+        v += row[j, 0] * x[j]
+    return v
+
+
+@njit(**HOT)
 def law_at(laws, m, x, time, mode, gaps, out):
     """out (3 + PARAMETERS,) of law m at a state."""
     side = side_of(laws.gap, laws.friction, m, mode, gaps)
@@ -68,47 +79,43 @@ def law_at(laws, m, x, time, mode, gaps, out):
         for j in range(out.size):
             out[j] = 0.0
         return
-    a = -side * laws.half[m, 0] if laws.gap[m] >= 0 else 0.0
-    b = 0.0
-    for j in range(laws.first):
-        a += laws.arguments[m, 0, j, 0] * x[j]
-        b += laws.arguments[m, 1, j, 0] * x[j]
+    a = argument(laws.arguments[m, 0], x, laws.first)
+    b = argument(laws.arguments[m, 1], x, laws.first)
+    if laws.gap[m] >= 0:
+        a -= side * laws.half[m, 0]
     law_torque(laws.torque, laws.code[m], a, b, time, side, laws.parameters[m], out)
 
 
 @njit(**HOT)
-def slope_of(arguments, m, out, slope):
-    """slope (nx,) derivative of law m over the state, from its derivatives over the arguments."""
-    for j in range(slope.size):
+def slope_of(arguments, m, out, slope, first):
+    """slope (first,) derivative of law m over the state, from its derivatives over the arguments."""
+    for j in range(first):
         slope[j] = out[1] * arguments[m, 0, j, 0] + out[2] * arguments[m, 1, j, 0]
 
 
 @njit(**HOT)
-def torque_columns(arguments, parameters, half, side, m, first, nq, x, columns, out, slope, row):
-    """row (ns,) = sensitivities of the torque of law m at a state with sensitivities columns (nx, ns).
+def own_columns(laws, m, side, nq, x, out, row):
+    """row (ns,) = derivatives of the torque of law m over the parameters at a state that does not move.
 
     side  of the contact whose half gap is taken off, 0 if the law belongs to no gap
     """
-    slope_of(arguments, m, out, slope)
     for q in range(row.size):
         row[q] = 0.0
-    for j in range(first):
-        e = slope[j]
-        for q in range(row.size):
-            row[q] += e * columns[j, q]
-    for k in range(2):
-        for j in range(first):
-            e = out[1 + k] * x[j]
-            for q in range(nq):
-                row[q] += e * arguments[m, k, j, q + 1]
-    for p in range(parameters.shape[1]):
+    if laws.turns[m] != 0:
+        for k in range(2):
+            for j in range(laws.first):
+                e = out[1 + k] * x[j]
+                for q in range(nq):
+                    row[q] += e * laws.arguments[m, k, j, q + 1]
+    for p in range(laws.parameters.shape[1]):
         e = out[3 + p]
-        for q in range(nq):
-            row[q] += e * parameters[m, p, q + 1]
+        if e != 0.0:
+            for q in range(nq):
+                row[q] += e * laws.parameters[m, p, q + 1]
     if side != 0.0:
         e = -out[1] * side
         for q in range(nq):
-            row[q] += e * half[m, q + 1]
+            row[q] += e * laws.half[m, q + 1]
 
 
 @njit(**HOT)

@@ -48,6 +48,40 @@ def work_out(s, c, mode, part, k, h):
     if c.mid.shape[0] > 0:
         exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
         let_rest(s, c.mid[k], mode)
+        laws_by_torques(s, c, k, s.spans[part])
+
+
+@njit(**ONCE)
+def laws_by_torques(s, c, k, h):
+    """Columns of the smooth laws over their torques at start, middle and end, not over value, slope and bend.
+
+    h  length of the part of a sample that slot k steps over [s]
+    """
+    for at in range(s.plain, s.nx, 3):
+        for r in range(s.plain):
+            by_torques(c.leap[k, r], at, h)
+            by_torques(c.mid[k, r], at, h)
+            derivatives_by_torques(c.dleap[k, r], at, h)
+            derivatives_by_torques(c.dmid[k, r], at, h)
+        for e in range(s.ng + s.nf):
+            for m in range(c.looks[k] + 1):
+                by_torques(c.watch[k, e, m], at, h)
+
+
+@njit(**COMPILE)
+def by_torques(row, at, h):
+    """The same for row[at:at + 3]."""
+    value, slope, bend = row[at], row[at + 1] / h, 4.0 * row[at + 2] / (h * h)
+    row[at], row[at + 1], row[at + 2] = value - 3.0 * slope + bend, 4.0 * slope - 2.0 * bend, bend - slope
+
+
+@njit(**COMPILE)
+def derivatives_by_torques(rows, at, h):
+    """The same for rows[at:at + 3, q]."""
+    for q in range(rows.shape[1]):
+        value, slope, bend = rows[at, q], rows[at + 1, q] / h, 4.0 * rows[at + 2, q] / (h * h)
+        rows[at, q], rows[at + 1, q] = value - 3.0 * slope + bend, 4.0 * slope - 2.0 * bend
+        rows[at + 2, q] = bend - slope
 
 
 @njit(**ONCE)

@@ -82,7 +82,7 @@ class Plant:
     @property
     def nx(self) -> int:
         """Number of states, without those that the smooth laws add."""
-        return self.system.nx if self.laws is None else self.laws.first
+        return self.system.plain
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)
@@ -182,14 +182,11 @@ class Plant:
         """
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
-        p, more = np.zeros((s.nx, s.nx)), np.zeros(s.nx)
-        more[:len(extra)] = extra
-        if covariance is not None:
-            p[:self.nx, :self.nx] = covariance
-        gain = np.empty((n if keep else 0, s.ny, s.nx))
+        p = np.zeros((self.nx, self.nx)) if covariance is None else np.array(covariance)
+        gain = np.zeros((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
-        kalman(*self.tables, trace.origin, u, late, trace.outputs, sensor, torque, more, p,
+        kalman(*self.tables, trace.origin, u, late, trace.outputs, sensor, torque, extra, p,
                self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
         return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, unit
+from drivetool.drive.compiled import APART, COMPILE, unit
 from drivetool.drive.events import MOST, load_on, next_event, switch, unlocated_step
-from drivetool.drive.laws import law_at, set_hold
+from drivetool.drive.laws import gap_side, law_at, own_columns, set_hold, slope_of
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
-from drivetool.drive.series import next_term, series
-from drivetool.drive.smooth import ROUNDS, agree, eliminate, node_equations, parabola, response, start_columns
+from drivetool.drive.smooth import solve
 from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
 from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
 
+ROUNDS = 12  # of the fixed point, after which shorter stretches are taken
+CLOSE = 1e-10  # relative change of the torques at which it has converged
 # Share of a part below which a stretch is not cut any further, converged or not: what changes faster
 # leaves no trace in the record, and a trial value of a fit must not take for ever.
 SHORTEST = 0.02
@@ -22,11 +23,37 @@ FAR = 1e12  # of a state, in SI: a trial value that leads there is wrong anyway
 
 
 @njit(**COMPILE)
+def law_series(a, x, u, first, w):
+    """Power series of the state: w (ORDER + 1, nx); value, slope and bend of a law feed one another."""
+    nx = x.size
+    for k in range(ORDER + 1):
+        for r in range(first, nx):
+            w[k, r] = 0.0
+    for r in range(nx):
+        w[0, r] = x[r]
+    for at in range(first, nx, 3):
+        w[1, at], w[1, at + 1], w[2, at] = x[at + 1], x[at + 2], 0.5 * x[at + 2]
+    for k in range(1, ORDER + 1):
+        share = 1.0 / k
+        for r in range(first):
+            v = 0.0
+            for j in range(first):
+                v += a[r, j, 0] * w[k - 1, j]
+            for at in range(first, nx, 3):
+                v += a[r, at, 0] * w[k - 1, at]
+            if k == 1:
+                v += a[r, nx + u.size, 0]
+                for j in range(u.size):
+                    v += a[r, nx + j, 0] * u[j]
+            w[k, r] = v * share
+
+
+@njit(**COMPILE)
 def collocate(s, laws, a, x, u, time, h, mode, w, y):
     """Find the parabolas over h seconds from x; w gets the power series. Returns whether it converged."""
     n, nl, found = laws.first, laws.code.size, laws.found
     for _ in range(ROUNDS):
-        series(a, x, u, w)
+        law_series(a, x, u, n, w)
         done = True
         for node in range(2):
             t = 0.5 * h if node == 0 else h
@@ -38,9 +65,12 @@ def collocate(s, laws, a, x, u, time, h, mode, w, y):
             at = n + 3 * m
             middle = x[at] + 0.5 * h * (x[at + 1] + 0.25 * h * x[at + 2])
             last = x[at] + h * (x[at + 1] + 0.5 * h * x[at + 2])
-            if not agree(found, m, middle, last):
+            size = abs(found[0, m, 0]) + abs(found[1, m, 0]) + abs(found[2, m, 0]) + 1e-30
+            if not abs(found[1, m, 0] - middle) + abs(found[2, m, 0] - last) <= CLOSE * size:
                 done = False
-                parabola(x, at, x[at], found[1, m, 0], found[2, m, 0], h)
+                middle, last = found[1, m, 0], found[2, m, 0]
+                x[at + 1] = (4.0 * middle - 3.0 * x[at] - last) / h
+                x[at + 2] = 4.0 * (x[at] - 2.0 * middle + last) / (h * h)
         if done:
             return True
     return False
@@ -57,70 +87,138 @@ def begin(s, laws, x, time, mode):
 
 
 @njit(**COMPILE)
-def carry_to(a, u, nq, big, w, v, t, h, share, nodes):
-    """nodes[0..2] = big after h/2, h and share h: one power series, summed up three times.
+def start_columns(s, laws, x, mode, big):
+    """Row of the torque of each law at the start."""
+    for m in range(laws.code.size):
+        row, slope = big[laws.first + 3 * m], laws.slopes[m]
+        own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, x, laws.found[0, m], row)
+        slope_of(laws.arguments, m, laws.found[0, m], slope, laws.first)
+        for j in range(laws.first):
+            for q in range(row.size):
+                row[q] += slope[j] * big[j, q]
 
-    nq  leading columns that also have a source of their own, dA z
-    """
+
+@njit(**APART)
+def widened(big, first, h, wide):
+    """wide = big, and behind it a column for the torque of each law at the middle and at the end of h seconds."""
     nx, ns = big.shape
+    nl = (nx - first) // 3
     for r in range(nx):
+        for q in range(ns, ns + 2 * nl):
+            wide[r, q] = 0.0
+    for r in range(first):
         for q in range(ns):
-            v[r, q] = big[r, q]
-            for node in range(3):
-                nodes[node, r, q] = big[r, q]
-    power, half, part = 1.0, 1.0, 1.0
-    for n in range(ORDER):
-        next_term(a, u, nq, w, n, power, h / (n + 1), v, t)
-        half *= 0.5
-        part *= share
-        for r in range(nx):
-            for q in range(ns):
-                v[r, q] = t[r, q]
-                nodes[0, r, q] += half * t[r, q]
-                nodes[1, r, q] += t[r, q]
-                nodes[2, r, q] += part * t[r, q]
-        power *= h
+            wide[r, q] = big[r, q]
+    for m in range(nl):
+        at = first + 3 * m
+        for q in range(ns):
+            wide[at, q] = big[at, q]
+            wide[at + 1, q] = -3.0 / h * big[at, q]
+            wide[at + 2, q] = 4.0 / (h * h) * big[at, q]
+        wide[at + 1, ns + m], wide[at + 2, ns + m] = 4.0 / h, -8.0 / (h * h)
+        wide[at + 1, ns + nl + m], wide[at + 2, ns + nl + m] = -1.0 / h, 4.0 / (h * h)
+
+
+@njit(**APART)
+def add_term(a, nq, first, w, n, power, g, v, t):
+    """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v, but for the inputs.
+
+    power  h^n; g: h/(n + 1)
+    """
+    nx, ns = v.shape
+    for at in range(first, nx, 3):
+        for q in range(ns):
+            t[at, q], t[at + 1, q], t[at + 2, q] = g * v[at + 1, q], g * v[at + 2, q], 0.0
+    for r in range(first):
+        for q in range(ns):
+            t[r, q] = 0.0
+        for j in range(nx):
+            if j < first or (j - first) % 3 == 0:
+                e, f = a[r, j, 0] * g, w[n, j] * power * g
+                if e != 0.0:
+                    for q in range(ns):
+                        t[r, q] += e * v[j, q]
+                if f != 0.0:
+                    for q in range(nq):
+                        t[r, q] += f * a[r, j, q + 1]
 
 
 @njit(**COMPILE)
-def first_columns(s, laws, x, mode, h, big):
-    """Rows of the laws' states from the torques at the start."""
-    start_columns(laws.arguments, laws.parameters, laws.half, laws.gap, laws.first, s.nq, laws.found, x, mode, h,
-                  laws.slopes[0], big)
+def carry_to(a, u, nq, first, w, v, t, h, share, nodes):
+    """nodes[0..2] (nx, ns) = the columns v after h/2, h and share h: one power series, summed up three times.
+
+    nq  leading columns that also have a source of their own, dA z; v and t are lost
+    """
+    nx, ns = v.shape
+    for r in range(first):
+        for q in range(ns):
+            for node in range(3):
+                nodes[node, r, q] = v[r, q]
+    power, half, part = 1.0, 1.0, 1.0
+    for n in range(ORDER):
+        g = h / (n + 1)
+        add_term(a, nq, first, w, n, power, g, v, t)
+        if n == 0:
+            for r in range(first):
+                for q in range(nq):
+                    t[r, q] += g * a[r, nx + u.size, q + 1]
+                    for j in range(u.size):
+                        t[r, q] += u[j] * g * a[r, nx + j, q + 1]
+        half *= 0.5
+        part *= share
+        for r in range(first):
+            sum_up(nodes[0, r], nodes[1, r], nodes[2, r], half, part, t[r])
+        v, t = t, v
+        power *= h
+
+
+@njit(**APART)
+def sum_up(middle, end, there, half, part, term):
+    """Add a term of the series to the three sums (ns,)."""
+    for q in range(term.size):
+        middle[q] += half * term[q]
+        end[q] += term[q]
+        there[q] += part * term[q]
 
 
 @njit(**COMPILE)
 def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
     """Sensitivities over the first te of a stretch of h seconds whose parabolas are known."""
     n, nl, ns, w = laws.first, laws.code.size, big.shape[1], c.series
-    first_columns(s, laws, x, mode, h, big)
-    carry_to(a, u, s.nq, big, w, laws.term[0], laws.term[1], h, te / h, laws.nodes)
-    unit = laws.unit
-    for r in range(x.size):
-        for q in range(3 * nl):
-            unit[r, q] = 1.0 if r == n + q else 0.0
-    carry_to(a, u, 0, unit, w, laws.more[0], laws.more[1], h, te / h, laws.answers)
+    right, weight, nodes = laws.right, laws.weight, laws.nodes
+    start_columns(s, laws, x, mode, big)
+    widened(big, n, h, laws.term[0])
+    carry_to(a, u, s.nq, n, w, laws.term[0], laws.term[1], h, te / h, nodes)
     for node in range(2):
         t = 0.5 * h if node == 0 else h
         for r in range(n):
             c.vectors[3, r] = horner(w[:, r], t)
-        node_equations(laws.arguments, laws.parameters, laws.half, laws.gap, n, s.nq, laws.found, node,
-                       c.vectors[3], mode, laws.nodes[node], laws.answers, node, 0, h, laws.slopes[0],
-                       laws.weight, laws.right)
-    eliminate(laws.weight, laws.right, ns)
+        for m in range(nl):
+            i, slope = node * nl + m, laws.slopes[m]
+            own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, c.vectors[3], laws.found[1 + node, m], right[i])
+            slope_of(laws.arguments, m, laws.found[1 + node, m], slope, n)
+            for j in range(2 * nl):
+                weight[i, j] = 1.0 if i == j else 0.0
+            for r in range(n):
+                if slope[r] != 0.0:
+                    for q in range(ns):
+                        right[i, q] += slope[r] * nodes[node, r, q]
+                    for j in range(2 * nl):
+                        weight[i, j] -= slope[r] * nodes[node, r, ns + j]
+    solve(weight, laws.spare, right, ns)
     for r in range(n):
         for q in range(ns):
-            v = laws.nodes[2, r, q]
-            for node in range(2):
-                for m in range(nl):
-                    v += response(laws.answers, 2, r, 3 * m, node, h) * laws.right[node * nl + m, q]
-            big[r, q] = v
+            big[r, q] = nodes[2, r, q]
+        for j in range(2 * nl):
+            f = nodes[2, r, ns + j]
+            for q in range(ns):
+                big[r, q] += f * right[j, q]
 
 
 @njit(**COMPILE)
 def rest_columns(s, laws, x, mode, big):
     """Sensitivities of torques taken as constant over a part."""
-    first_columns(s, laws, x, mode, 1.0, big)
+    start_columns(s, laws, x, mode, big)
     for r in range(laws.code.size):
         at = laws.first + 3 * r
         for q in range(big.shape[1]):
@@ -171,9 +269,8 @@ def law_rough_step(s, c, laws, x, inputs, i, time, big, mode, part):
                 as_it_came(s, c.hold, net, element - s.ng, side, dropped, x, u, big)
             fresh |= 1 << element
             events += 1
-    for m in range(laws.code.size):
-        at = laws.first + 3 * m
-        x[at + 1] = x[at + 2] = 0.0
+    for at in range(laws.first, s.nx, 3):
+        x[at + 1] = x[at + 2] = x[at]  # the next part steps over torques at start, middle and end
 
 
 @njit(**COMPILE)
@@ -203,4 +300,4 @@ def show(s, laws, x, time, mode, big):
         law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
         x[laws.first + 3 * m] = laws.found[0, m, 0]
     if big.shape[1] > 0:
-        first_columns(s, laws, x, mode, 1.0, big)
+        start_columns(s, laws, x, mode, big)

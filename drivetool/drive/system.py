@@ -24,6 +24,8 @@ LOOKS = 8  # most instants inside a sample at which a guard is looked at
 class System(NamedTuple):
     """nx states, nu inputs, nz = nx + nu + 1, ng gaps, nf frictions, ny outputs, ns columns.
 
+    The first `plain` states are the drive's; behind them lie those of the smooth laws.
+
     rows        (nx, nz, 1 + nq)  Q without gaps and friction
     mass        (nx, 1 + nq)      M, one where a row is not a body
     spring      (ng, nx, 1 + nq)  torque of the closed contact over the state
@@ -63,26 +65,31 @@ class System(NamedTuple):
     nf: int
     ny: int
     ns: int
+    plain: int
 
 
 class Laws(NamedTuple):
     """The smooth nonlinear torques of a system; nl laws.
 
     The torque of a law over a stretch is a parabola in time, carried by three states at the end of
-    the state: value, slope, bend. So a stretch is linear again and the exact kernel takes it.
+    the state. So a stretch is linear again and the exact kernel takes it. Where the flow is worked with,
+    they are value, slope and bend; where a whole part of a sample is stepped over, the torques at its start,
+    its middle and its end, and the columns of leap, mid and watch are over these.
 
     code        (nl,)                    which law
     arguments   (nl, 2, nx, 1 + nq)      its two arguments over the state
     parameters  (nl, PARAMETERS, 1 + nq)
     gap         (nl,)                    gap whose contact it belongs to, or -1
     half        (nl, 1 + nq)             half gap taken off the first argument in contact
+    turns       (nl,)                    whether its arguments depend on a free parameter
     friction    (nl,)                    friction in whose slip it acts, or -1
     first       ()                       first of the 3 nl states
     shown       ()                       whether an output contains the torque of a law
 
     Scratch: found (3, nl, 3 + PARAMETERS) torques and derivatives at start, middle and end;
-    weight (2 nl, 2 nl) and right (2 nl, ns), the equations of the sensitivities; slopes (nl, nx);
-    nodes (3, nx, ns), unit (nx, 3 nl), answers (3, nx, 3 nl), term and more (nx, ns or 3 nl)
+    weight, spare (2 nl, 2 nl) and change (2 nl, 1), right (2 nl, ns), the equations of the torques at middle and
+    end and of their sensitivities; slopes (nl, nx); after (first, ns); nodes (3, nx, ns + 2 nl) and term
+    (2, nx, ns + 2 nl)
 
     torque, columns, rough, show    addresses of the units law_torque, law_columns, law_rough_step and show
     """
@@ -92,18 +99,19 @@ class Laws(NamedTuple):
     parameters: Float3
     gap: Int1
     half: Float2
+    turns: Int1
     friction: Int1
     first: int
     shown: bool
     found: Float3
     weight: Float2
+    spare: Float2
+    change: Float2
     right: Float2
     slopes: Float2
+    after: Float2
     nodes: Float3
-    unit: Float2
-    answers: Float3
     term: Float3
-    more: Float3
     torque: int
     columns: int
     rough: int
@@ -128,8 +136,8 @@ class Cache(NamedTuple):
     The last slot is not for a mode but for a step of any length.
 
     The rest is scratch, for the kernel allocates nothing:
-    jets (3, nx, nz, 1 + nq), square, transition (nx, nx), columns (3, nx, ns), series (ORDER + 1, nx),
-    poly (ORDER + 1,), vectors (4, nx), lines (3, nz), guards (elements,), gradient (ns,)
+    jets (3, nx, nz, 1 + nq), square (nx, nx), transition (nx, plain), columns (3, nx, ns), series (ORDER + 1, nx),
+    poly (ORDER + 1,), vectors (5, nx), lines (3, nz), guards (elements,), gradient (ns,)
 
     work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
                              free, switch_late; 0 where it is not needed
@@ -174,9 +182,9 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
                  np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)),
                  np.zeros((cap, elements, LOOKS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)), s.level[:, :1].copy(),
-                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, nx)),
+                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, s.plain)),
                  np.zeros((3, nx, s.ns)),
-                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((4, nx)),
+                 np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((5, nx)),
                  np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)
 
 
