@@ -55,7 +55,7 @@ def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
         traces = blocks_under_test(fold, model.problem.traces)
         if not traces:
             continue
-        _, _, runs = free_run(model.fitted, traces)
+        _, _, runs = free_run(model.fitted, traces, model.noise)
         measured += [t.outputs[:, 0] for t in traces]
         simulated += [r[:, 0] for r in runs]
     return Forecast(tuple(measured), tuple(simulated))

@@ -48,7 +48,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
-    _, _, runs = free_run(task.at_point(solution.point))
+    _, _, runs = free_run(task.at_point(solution.point), noise=outcome.fit.noise if outcome.fit else None)
     traces = task.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
     simulated = np.concatenate([r[:, 0] for r in runs])

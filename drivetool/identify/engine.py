@@ -238,14 +238,18 @@ def segment_states(task: Task, traces: Sequence[Trace], hot: float | None = None
     return tuple(found)
 
 
-def free_run(task: Task, traces: Sequence[Trace] | None = None,
+def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | None = None,
              ) -> tuple[Problem, Point, list[np.ndarray]]:
-    """Free runs of the drive as it is, only the start states fitted: (problem, point, outputs)."""
+    """Free runs of the drive as it is, only the start states fitted: (problem, point, outputs).
+
+    noise  by which a first guess of the start states is smoothed, white; None: estimated
+    """
     problem = task.problem(free=())
     if traces is not None:
         problem = replace(problem, traces=tuple(traces))
     point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
-    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
+    if noise is None or noise.memory is not None:
+        noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale), quick=True)
     starts = smoothed_starts(problem, point, noise)
     # Trace by trace: one that is hard to start must not damp the steps of the others.
     found = []
