@@ -7,6 +7,7 @@ import pytest
 
 from drivetool.drive.assemble import Layout
 from drivetool.drive.augment import plant_of
+from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast
@@ -79,6 +80,36 @@ def test_sensitivities_are_the_derivatives(name):
         expected = (sides[0] - sides[1]) / (2.0 * size)
         error = np.abs(jacobian[:, 0, k] - expected[:, 0])
         assert np.quantile(error, 0.99) < 1e-4 * np.abs(expected[:, 0]).max(), parameter
+
+
+@EACH
+def test_a_further_input_that_is_zero_changes_nothing(name):
+    """The step of one input is written out, that of several is not."""
+    _, _, values, _ = CASES[name]
+    free = (*values, "motor.inertia", "shaft.stiffness")
+    _, drive, plant, trace = runs_of(name, free)
+    two = plant_of(drive, Layout(free, ("motor_torque", "load_torque"), OUTPUTS, STEP))
+    silent = Trace(np.hstack([trace.inputs, np.zeros((trace.size, 1))]), trace.outputs, STEP)
+    there, sensitivities = plant.jacobian(trace, np.zeros(plant.nx))
+    same, too = two.jacobian(silent, np.zeros(two.nx))
+    np.testing.assert_allclose(same, there, atol=1e-9)
+    np.testing.assert_allclose(too[..., :len(free)], sensitivities[..., :len(free)], rtol=1e-5,
+                               atol=1e-7 * np.abs(sensitivities[..., :len(free)]).max())
+
+
+def test_one_body_under_drag_comes_to_speed_as_a_hyperbolic_tangent():
+    """J dw/dt = T - c w^2: w = sqrt(T / c) tanh(t sqrt(T c) / J), and its derivatives."""
+    inertia, drag, torque, n = 0.6, 0.05, 20.0, 2000
+    drive = Drive("test", ("motor",), (), {"motor.inertia": inertia, "motor.viscous": 0.0, "motor.drag": drag})
+    free = ("motor.inertia", "motor.drag")
+    plant = plant_of(drive, Layout(free, ("motor_torque",), ("motor_speed",), STEP))
+    trace = Trace(np.full((n, 1), torque), np.zeros((n, 1)), STEP)
+    out, jacobian = plant.jacobian(trace, np.zeros(plant.nx))
+    t, rate = np.arange(n) * STEP, np.sqrt(torque * drag) / inertia
+    speed, slope = np.sqrt(torque / drag) * np.tanh(rate * t), np.sqrt(torque / drag) / np.cosh(rate * t) ** 2
+    np.testing.assert_allclose(out[:, 0], speed, atol=1e-9)
+    np.testing.assert_allclose(jacobian[:, 0, 0], -slope * rate * t / inertia, atol=1e-6)
+    np.testing.assert_allclose(jacobian[:, 0, 1], (slope * rate * t - speed) / (2.0 * drag), atol=1e-5)
 
 
 @pytest.mark.parametrize("name", [n for n in CASES if n not in ("stribeck", "stribeck-load", "filter")])

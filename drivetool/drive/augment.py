@@ -110,5 +110,6 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
         code, arguments, parameters, gap, half, turns, friction, first, shown,
         np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
         np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
-        np.zeros((nl, s.nx)), np.zeros((first, ns)), np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
+        np.zeros((nl, s.nx)), np.zeros((first, ns)),
+        np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
         address(law_torque), address(law_columns), address(law_rough_step), address(show) if shown else 0)

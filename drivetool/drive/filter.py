@@ -107,7 +107,8 @@ def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, ga
     r        (ny,)        sensor variances relative to that of the first output
     q        torque noise variance, entering with the first input; extra (nx,) on the states
     p        (plain, plain) covariance of the start state, changed
-    gain     (n, ny, nx)  or (0, ny, nx), zero for what lies behind the plain states; var (n, ny); innov (n, ny), NaN where unmeasured
+    gain     (n, ny, nx)  or (0, ny, nx), left as it is for what lies behind the plain states
+    var      (n, ny); innov (n, ny), NaN where unmeasured
     states   (n, nx)      filtered states, or (0, nx)
     """
     s, c = read_system(system), read_cache(cache)

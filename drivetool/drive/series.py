@@ -33,9 +33,9 @@ def series(a, x, u, w):
 
 
 @njit(**APART)
-def term_of_any(a, nq, w, n, power, g, r, v, t):
+def term_of_any(a, w, n, power, g, r, v, t):
     """Row r of the next term, but for the inputs."""
-    nx, ns = v.shape
+    (nx, ns), nq = v.shape, a.shape[2] - 1
     e = a[r, 0, 0] * g
     for q in range(ns):
         t[r, q] = e * v[0, q]
@@ -50,29 +50,28 @@ def term_of_any(a, nq, w, n, power, g, r, v, t):
 
 
 @njit(**APART)
-def term_of_three(a, nq, w, n, power, g, r, v, t):
+def term_of_three(a, w, n, power, g, r, v, t):
     """The same for three states: the two-mass drive."""
     e0, e1, e2 = a[r, 0, 0] * g, a[r, 1, 0] * g, a[r, 2, 0] * g
     f0, f1, f2 = w[n, 0] * power * g, w[n, 1] * power * g, w[n, 2] * power * g
     for q in range(v.shape[1]):
         t[r, q] = e0 * v[0, q] + e1 * v[1, q] + e2 * v[2, q]
-    for q in range(1, nq + 1):
+    for q in range(1, a.shape[2]):
         t[r, q - 1] += f0 * a[r, 0, q] + f1 * a[r, 1, q] + f2 * a[r, 2, q]
 
 
 @njit(**APART)
-def next_term(a, u, nq, w, n, power, g, v, t):
+def next_term(a, u, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
 
-    w  power series of the state; nq leading columns have a source dA z of their own. Columns are
-       innermost, so that the compiler makes vectors of them
+    w  power series of the state. Columns are innermost, so that the compiler makes vectors of them
     """
-    nx = v.shape[0]
+    nx, nq = v.shape[0], a.shape[2] - 1
     for r in range(nx):
         if nx == 3:
-            term_of_three(a, nq, w, n, power, g, r, v, t)
+            term_of_three(a, w, n, power, g, r, v, t)
         else:
-            term_of_any(a, nq, w, n, power, g, r, v, t)
+            term_of_any(a, w, n, power, g, r, v, t)
         if n == 0:
             for q in range(nq):
                 t[r, q] += g * a[r, nx + u.size, q + 1]
@@ -91,7 +90,7 @@ def carry(a, u, big, w, v, t, te):
             v[r, q] = big[r, q]
     power = 1.0
     for n in range(w.shape[0] - 1):
-        next_term(a, u, a.shape[2] - 1, w, n, power, te / (n + 1), v, t)
+        next_term(a, u, w, n, power, te / (n + 1), v, t)
         for r in range(nx):
             for q in range(ns):
                 big[r, q] += t[r, q]

@@ -117,4 +117,5 @@ def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...
     spring[:, :nm] = plain.spring
     read = np.zeros((plain.ny, n, 1))
     read[:, :nm] = plain.outputs
-    return plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2, ns=n)
+    return plain._replace(rows=rows, mass=mass, spring=spring, outputs=read, memory=np.ones(n), nx=n, nu=2, ns=n,
+                          plain=n)
