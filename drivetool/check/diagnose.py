@@ -155,7 +155,7 @@ class Search:
         self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
         self.asked, self.unasked = frozenset(wanted), ""
         self.masks, self.train = fitted_samples(samples), tuple(train)
-        self.model, self.folds = base, folds_of(both(base, self.masks), samples)
+        self._stand_on(base)
         self.first_folds = self.folds
         self.notes: tuple[Finding, ...] = ()
         self.causes: list[str] = []
@@ -165,6 +165,11 @@ class Search:
         self.rounds: list[Round] = []
         self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
+
+    def _stand_on(self, model: Model) -> None:
+        """Make a model the base of what comes: `bases` under every noise that is possible for it, and the folds."""
+        self.model, self.bases = model, both(model, self.masks)
+        self.folds = folds_of(self.bases, self.samples)
 
     def begin_with(self, base: Model) -> None:
         """State gains over this base instead: it lacks what the record itself gave away."""
@@ -198,7 +203,7 @@ class Search:
             self.left = remainder(self.model)
             if stage is None or (len(decision.between) > 1 and self.confident):
                 break
-            self.folds = folds_of(both(self.model, self.masks), self.samples)
+            self._stand_on(self.model)
         self._drop_needless()
         return self
 
@@ -242,7 +247,7 @@ class Search:
                 self.model = trial
         if self.model.value > before - TRIFLE:
             return False
-        self.folds = folds_of(both(self.model, self.masks), self.samples)
+        self._stand_on(self.model)
         return True
 
     def _as_coloured(self, model: Model) -> Model:
@@ -266,7 +271,7 @@ class Search:
         """Held-out scores of the likeliest causes."""
         likely = [t for t in self._likely(tried) if t.absent is None]
 
-        least = min(f.value for f in both(self.model, self.masks))
+        least = min(f.value for f in (self.model, *self.bases))
 
         def one(t: Tried) -> Score | None:
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,13 +91,14 @@ def folds_of(bases: Sequence[Model], samples: Sequence[tuple[Masks, Masks]]) -> 
     bases    the base under every noise model that is possible for it
     samples  (training, test) masks per fold
     """
-    found = []
-    for train, test in samples:
+    def fold(pair: tuple[Masks, Masks]) -> Fold:
+        train, test = pair
         trained = min((refit(b, train) for b in bases), key=lambda m: m.value)
         tested = [refit(b, with_beginnings(test, b.problem.traces), renew=True) for b in bases]
-        best = min(judge(m.problem, m.point, m.noise, test) for m in tested)
-        found.append(Fold(train, test, trained, best))
-    return found
+        return Fold(train, test, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
+
+    with ThreadPoolExecutor(len(samples)) as pool:
+        return list(pool.map(fold, samples))
 
 
 def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
