@@ -15,6 +15,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.rough import KNOWN, totals
 from drivetool.identify.setup import Roles, first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
@@ -38,7 +39,7 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         return tuple(experiments), drive, []
     task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
     models = []
-    for values in ({}, *_elsewhere(drive)):
+    for values in ({}, *_elsewhere(task)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
             models.append(_fitted(task.at(values)))
     if not models:
@@ -46,13 +47,7 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     model = min(models, key=lambda m: m.value)
     measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in experiments
                                for a, b in e.segments if b - a >= 10])
-    said = shaft_torque_of(model)
-    good = np.isfinite(measured)
-    x, y = said[good] - said[good].mean(), measured[good] - measured[good].mean()
-    factor = float(x @ y / (x @ x)) if x @ x > 0.0 else 1.0
-    # Both are smooth over many samples: what counts as independent is a tenth of a second.
-    error = float(np.linalg.norm(y - factor * x) / np.linalg.norm(x) / np.sqrt(max(len(x), 1))
-                  * np.sqrt(0.1 / experiments[0].step))
+    factor, error = _factor(measured, *shaft_torque_of(model), experiments[0].step)
     if abs(factor - 1.0) < max(SCALE, SURE * error) or abs(factor) < 0.05:
         return tuple(experiments), drive, []
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
@@ -63,22 +58,50 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor, "std": error}, "Correct sign, unit or scale of the shaft torque (or of the motor "
         "torque) in the channel map."))
+    if abs(factor + 1.0) < max(SCALE, SURE * error):
+        factor = -1.0  # a sign is a sign
     mended = tuple(replace(e, signals={**e.signals, "shaft_torque": e.signals["shaft_torque"] / factor})
                    for e in experiments)
     return mended, model.fitted.drive, [fault]
 
 
-def _elsewhere(drive: Drive) -> list[dict[str, float]]:
-    """Other values of inertias and stiffness that leave the whole inertia as it is; for two bodies."""
+def _factor(measured: np.ndarray, said: np.ndarray, speed: np.ndarray, step: float) -> tuple[float, float]:
+    """(by what the shaft torque that a model says is to be multiplied, standard error), all (n,).
+
+    How friction is shared by the bodies the motor alone does not know: what the shaft carries for that, a constant
+    and a share of the speed, is not to count.
+    """
+    good = np.isfinite(measured)
+    rows = np.column_stack([said[good], speed[good], np.ones(good.sum())])
+    size = np.linalg.norm(rows, axis=0)
+    if len(rows) < 4 or not size.all():
+        return 1.0, np.inf
+    inverse = np.linalg.pinv(rows / size)
+    factors = inverse @ measured[good]
+    # All are smooth over many samples: what counts as independent is a tenth of a second.
+    rest = measured[good] - rows @ (factors / size)
+    error = np.std(rest) * np.linalg.norm(inverse[0]) * np.sqrt(max(0.1 / step, 1.0))
+    return float(factors[0] / size[0]), float(error / size[0])
+
+
+def _elsewhere(task: Task) -> list[dict[str, float]]:
+    """Other inertias and stiffnesses, for two bodies, with sums of inertia and friction that the record tells."""
+    drive = task.drive
     if len(drive.bodies) != 2:
         return []
     motor, load = (f"{b}.inertia" for b in drive.bodies)
     whole, shaft, found = drive.value(motor) + drive.value(load), drive.shafts[0], []
+    slow = {motor: 0.5, load: 0.5, f"{shaft}.stiffness": 0.25 * (2.0 * np.pi * RESONANCES[0]) ** 2}
+    told = totals(task.at(slow)) or {}
+    sums = {n: told[n][0] for n in ("inertia", "viscous", "idle_torque")
+            if n in told and told[n][1] < KNOWN * told[n][0]}
+    whole = sums.pop("inertia", whole)
+    friction = {f"total.{n}": v for n, v in sums.items() if f"total.{n}" in task.free}
     for share in SHARES:
         for rate in 2.0 * np.pi * np.array(RESONANCES):
             stiffness = rate**2 * share * (1.0 - share) * whole
             found.append({motor: (1.0 - share) * whole, load: share * whole, f"{shaft}.stiffness": stiffness,
-                          f"{shaft}.damping": 0.06 * stiffness / rate})
+                          f"{shaft}.damping": 0.06 * stiffness / rate, **friction})
     return found
 
 
@@ -89,12 +112,12 @@ def _fitted(task: Task) -> Model:
     return fit("base", task, problem, point, noise, everything(problem))
 
 
-def shaft_torque_of(model: Model) -> np.ndarray:
-    """(n,) torque of the first shaft at the filtered states, gaps closed."""
+def shaft_torque_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """(torque of the first shaft, gaps closed, speed of the motor), each (n,), at the filtered states."""
     task = model.fitted
     plain = Assembly(task.drive, Layout(task.free, task.roles.inputs, task.roles.outputs, 1.0, gradient=False))
     row = np.zeros(plain.nx)
     for j, dual in plain.spring(0, damped=True).items():
         row[j] = dual.v
-    passes = filtered(model.problem, model.point, model.noise)
-    return np.concatenate([f.states[:, :plain.nx] @ row for f in passes])
+    states = np.concatenate([f.states[:, :plain.nx] for f in filtered(model.problem, model.point, model.noise)])
+    return states @ row, states[:, 0]
