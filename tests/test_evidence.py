@@ -10,7 +10,7 @@ from scipy.special import erfc, erfcx
 
 from drivetool.check.decide import Decision, decide
 from drivetool.check.diagnose import Search
-from drivetool.check.heldout import LOOKED, Score, log_tail, surprise, total_evidence
+from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.identify.noise import minus_log_likelihood
 
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)
@@ -95,3 +95,14 @@ def test_either_way_of_finding_costs_half_of_the_budget():
 def test_a_filter_that_ran_away_has_no_likelihood_and_raises_no_warning():
     runaway = SimpleNamespace(innovations=np.array([[1e200], [1.0]]), variance=np.ones((2, 1)))
     assert minus_log_likelihood([runaway]) == np.inf
+
+
+def test_what_the_whole_record_was_searched_for_has_its_price_once():
+    """The order of a ripple is found with the test samples in sight; in a later round the base has it."""
+    def freeing(*names):
+        return SimpleNamespace(task=SimpleNamespace(free=names))
+
+    plain, ripple = freeing("motor.inertia"), freeing("motor.inertia", "motor.ripple_sine", "motor.ripple_order")
+    both = freeing(*ripple.task.free, "load.drag")
+    assert price_of(ripple, plain) > np.log(100.0)
+    assert price_of(freeing("motor.inertia", "load.drag"), plain) == price_of(both, ripple) == 0.0

@@ -15,11 +15,12 @@ RIVALS = ("backlash", "coulomb-load", "quadratic-drag")
 NAMED = [("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11),
          ("load-step", 5), ("coulomb-load", 12), ("asymmetric-friction", 16), ("converter-lag", 19),
          ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8),
-         ("friction-drift", 38), ("wrong-sign-shaft", 40)]
+         ("friction-drift", 38)]
 # Shown by half as long a record.
 SHORT = {"duration": 6.0}
 SOON = [("coulomb-motor", 31), ("stribeck-motor", 32), ("stribeck-load", 33), ("load-dependent-damping", 34),
-        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 41)]
+        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 41),
+        ("wrong-sign-shaft", 40)]
 # Two at once, and other kinds of record.
 MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "closed-loop"} | SHORT),
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
@@ -93,12 +94,25 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(tmp_path):
     assert set(answer.between) == {"speed-filter", "converter-lag"}
 
 
-@pytest.mark.parametrize(("effect", "machine", "rivals"), [
-    ("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load"),
-    ("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash")])
-def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, tmp_path):
-    """Either law imitates much: a shaft that hardens a gap, breakaway friction the plain dry one."""
+def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
+    """It was fitted with the shaft torque upside down: a load without end, no friction."""
+    answer, causes = answered("wrong-sign-shaft", 50034, tmp_path / "records", tmp_path / "labels", [],
+                              seed=50034, **SHORT)
+    assert grade(causes, answer) == "right", answer.talk
+    label = json.loads((tmp_path / "labels" / "label.json").read_text())["plain"]
+    for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
+        found = answer.parameters[name]
+        assert abs(found["value"] - label[name]) < 4.0 * found["std"], name
+
+
+@pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [
+    ("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT),
+    ("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT),
+    ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
+def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
+                                                                               tmp_path):
+    """Each law imitates much: a shaft that hardens a gap, breakaway friction the plain dry one, a dead time a lag."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
-                              ["--candidates", rivals], seed=machine, **SHORT)
+                              ["--candidates", rivals], seed=machine, **options)
     assert grade(causes, answer, removed=True) == "right", answer.talk
     assert answer.verdict in ("undetermined", "unexplained")

@@ -79,6 +79,11 @@ def ties(one: Score, best: Score) -> bool:
     return bool(difference.sum() < max(CLOSE * error, LEAST) and one.gain > SHARE * best.gain)
 
 
+def mistaken_for(codes: Sequence[str]) -> set[str]:
+    """Causes that are known to look like one of these."""
+    return {other for pair in DECIDES for other in pair if pair & set(codes)}
+
+
 def experiment_between(codes: Sequence[str]) -> str:
     """What to record to decide between causes."""
     found = [DECIDES[frozenset((a, b))] for i, a in enumerate(codes) for b in codes[i + 1:]

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide
+from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
@@ -23,6 +23,7 @@ from drivetool.check.heldout import Score, both, folds_of, score
 from drivetool.check.hypothesis import FAST, TRIFLE, Tried, as_special_case, attempt, polished, sizeable
 from drivetool.check.lateness import lag_of
 from drivetool.check.model import Masks, Model, everything, fit, judge, spread
+from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
 from drivetool.check.samples import fitted_samples, samples_of, with_beginnings
@@ -141,7 +142,7 @@ def base_model(task: Task, masks: Masks | None = None) -> Model:
     masks = everything(problem) if masks is None else masks
     point = first_point(task.drive, problem, task.roles)
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    return fit("base", task, problem, point, noise, masks, rounds=10)
+    return with_parts(fit("base", task, problem, point, noise, masks, rounds=10), masks)
 
 
 class Search:
@@ -188,6 +189,8 @@ class Search:
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget, self.gained)
+                scores = self._with_doubles(tried, scores, decision)
+                decision = decide(scores, budget, self.gained)
             decision, stage, against = self._foretelling(decision, scores)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
@@ -207,13 +210,22 @@ class Search:
         self._drop_needless()
         return self
 
-    def _attempt(self, before: Mapping[str, Tried] | None = None) -> list[Tried]:
-        """Every cause on top of the base; those that have a chance after a few steps are fitted to the end."""
-        before = before or {}
+    def _with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
+        """The scores, and those of causes that look like the ones decided for but were not to be looked for."""
+        unseen = mistaken_for(decision.between) - {t.candidate.code for t in tried}
+        if not unseen:
+            return list(scores)
+        return [*scores, *self._judge(self._attempt(among=[c for c in CANDIDATES if c.code in unseen]))]
+
+    def _attempt(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = ()) -> list[Tried]:
+        """Every cause on top of the base; those that have a chance after a few steps are fitted to the end.
+
+        among  the causes; none: all that are to be tried
+        """
+        before, among = before or {}, among or self.candidates
         with ThreadPoolExecutor(WORKERS) as pool:
             tried = list(counted(f"round {len(self.rounds) + 1}: causes tried", pool.map(
-                lambda c: attempt(c, self.model, self.masks, before.get(c.code)), self.candidates),
-                len(self.candidates)))
+                lambda c: attempt(c, self.model, self.masks, before.get(c.code)), among), len(among)))
             likely = self._likely(tried, promised=True)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
                              pool.map(lambda t: polished(t, self.masks), likely), len(likely))
@@ -262,7 +274,9 @@ class Search:
         """The scores against a base that was also fitted from where the best cause took its parameters."""
         lower = []
         for fold, own in zip(self.folds, best.trained, strict=True):
-            trial = without(own, self.model, with_beginnings(fold.test, self.model.problem.traces))
+            # Under the noise that the cause was judged with, if that remembers.
+            base = self.model if own.noise.memory is None else replace(self.model, noise=own.noise)
+            trial = without(own, base, with_beginnings(fold.test, base.problem.traces))
             reached = judge(trial.problem, trial.point, trial.noise, fold.test)
             lower.append(max(fold.best - reached, 0.0) if np.isfinite(reached) else 0.0)
         return [replace(s, evidence=tuple(e - d for e, d in zip(s.evidence, lower, strict=True))) for s in scores]
@@ -275,7 +289,10 @@ class Search:
 
         def one(t: Tried) -> Score | None:
             try:
-                found = score(self._as_coloured(t.model), self.folds)
+                model = self._as_coloured(t.model)
+                if model is not t.model and sizeable(replace(t, models=(model,)), self.model).absent:
+                    return None
+                found = score(model, self.folds)
                 return replace(found, lead=least - found.model.value,
                                further=len(t.model.task.free) - len(self.model.task.free))
             except (np.linalg.LinAlgError, FloatingPointError):
@@ -294,7 +311,8 @@ class Search:
         """
         against: set[str] = set()
         tied = [s for s in scores if s.model.code in decision.between]
-        for s in sorted(tied, key=lambda s: -s.gain):
+        # One that was asked for first, where that is as good as one that was not.
+        for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
             stage, code = self.gain_between(self.trained, s.trained), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)

@@ -17,8 +17,9 @@ from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
-ONE_OFF = ".step_time"
-LOOKS = 1000  # instants that a record can tell apart, about
+ONE_OFF = (".step_time", ".drift_time")
+SEARCHED = (*ONE_OFF, ".ripple_order")
+LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
@@ -107,27 +108,37 @@ def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
                most=8)
 
 
-def located(model: Model) -> tuple[Model, float]:
-    """(the model with the instant of a one-off event held, log of how many instants were looked at).
+def located(model: Model) -> Model:
+    """The model with the instant of a one-off event held.
 
-    An event happens once: training samples that lie apart from it cannot say when, so the instant is
-    found in the whole record, and what the search could have found by chance is taken off.
+    An event happens once, and so does a warm-up: training samples that lie apart from it cannot say when, or
+    how long it took, so that is found in the whole record.
     """
     names = [n for n in model.task.free if n.endswith(ONE_OFF)]
     if not names:
-        return model, 0.0
+        return model
     task = replace(model.fitted, free=tuple(n for n in model.task.free if n not in names))
     problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
     keep = [j for j, n in enumerate(model.task.free) if n not in names]
     point = Point(model.point.values[keep], model.point.starts)
     problem = replace(problem, free_start=model.problem.free_start)
-    return Model(model.code, task, problem, point, model.noise, model.value), float(np.log(LOOKS))
+    return Model(model.code, task, problem, point, model.noise, model.value)
+
+
+def price_of(model: Model, base: Model) -> float:
+    """Log of how many values of a searched parameter the whole record was looked at for, one if there is none.
+
+    A fit to the training samples begins at the best of them, and stays at that peak: so chance in the
+    test samples has had a say in it, which is taken off.
+    """
+    new = [n for n in model.task.free if n not in base.task.free]
+    return float(np.log(LOOKS)) if any(n.endswith(SEARCHED) for n in new) else 0.0
 
 
 def score(model: Model, folds: Sequence[Fold]) -> Score:
     """Fit a cause to the training samples of every fold and judge it on the test samples."""
     gains, evidence, training, trained = [], [], [], []
-    local, price = located(model)
+    local, price = located(model), price_of(model, folds[0].trained)
     for fold in folds:
         own = refit(local, fold.train)
         mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
