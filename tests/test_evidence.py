@@ -79,7 +79,8 @@ def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gain
     """first has the larger gain per step; gains are stood in for."""
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
     gains = {"first": first, "second": second}
-    search = SimpleNamespace(trained=(), gained=gained, gain_between=lambda _, after: gains[after[0].code])
+    search = SimpleNamespace(trained=(), gained=gained, asked={"first", "second"},
+                             gain_between=lambda _, after: gains[after[0].code])
     decision = Decision(scores[0], ("first", "second"), 100.0)
     found, _, objected = Search._foretelling(search, decision, scores)
     assert (found.best and found.best.model.code) == best and objected == against
@@ -95,6 +96,13 @@ def test_either_way_of_finding_costs_half_of_the_budget():
 def test_a_filter_that_ran_away_has_no_likelihood_and_raises_no_warning():
     runaway = SimpleNamespace(innovations=np.array([[1e200], [1.0]]), variance=np.ones((2, 1)))
     assert minus_log_likelihood([runaway]) == np.inf
+
+
+def test_of_two_as_good_the_one_that_was_asked_for_is_taken():
+    scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
+    search = SimpleNamespace(trained=(), gained=0.0, asked={"second"}, gain_between=lambda _, after: told(0.5))
+    found, _, _ = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores)
+    assert found.best.model.code == "second" and found.between == ("first", "second")
 
 
 def test_what_the_whole_record_was_searched_for_has_its_price_once():

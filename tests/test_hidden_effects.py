@@ -111,7 +111,7 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
 def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
                                                                                tmp_path):
-    """Each law imitates much: a shaft that hardens a gap, breakaway friction the plain dry one, a dead time a lag."""
+    """A shaft that hardens imitates a gap, breakaway friction the plain dry one, a dead time a lag."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", rivals], seed=machine, **options)
     assert grade(causes, answer, removed=True) == "right", answer.talk
