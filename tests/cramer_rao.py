@@ -23,13 +23,14 @@ SMALL = 1e-5
 
 
 def least_std(machine: Machine, figures: Callable[[Machine], Mapping[str, float]], torque: np.ndarray, step: float,
-              sensor: float, noise: float = 0.0, records: int = 10) -> dict[str, float]:
+              sensor: float, noise: float = 0.0, records: int = 10, first: int = 0) -> dict[str, float]:
     """Figure -> bound of its standard deviation.
 
     figures  what is asked for as a function of the machine; all of FIELDS are unknown, as are start and
              torque offset, and, with torque noise, the polynomial C of A y = B u + C e
     sensor   std of the motor speed's white noise [rad/s]; noise: of the torque's [Nm]
     records  with torque noise the speed itself carries information: averaged over so many
+    first    sample from which on the record is used; the state there is unknown
     """
     size = len(_values(machine))
     values = np.ones(size)
@@ -42,13 +43,13 @@ def least_std(machine: Machine, figures: Callable[[Machine], Mapping[str, float]
         def errors(p, y=y):
             a, b = _polynomials(_moved(machine, p[:size]), step)
             if not noise:
-                return -lfilter(b, a, torque)
-            return lfilter(a, p[size:], y) - lfilter(b, p[size:], torque)
+                return -lfilter(b, a, torque)[first:]
+            return (lfilter(a, p[size:], y) - lfilter(b, p[size:], torque))[first:]
 
         columns = _slopes(errors, np.concatenate([values, tail]) if noise else values)
         a, b = _polynomials(machine, step)
-        pulse = np.eye(len(a) - 1, len(torque))
-        columns += [lfilter([1.0], tail, row) for row in pulse] + [lfilter(b, tail, np.ones(len(torque)))]
+        pulse = np.eye(len(a) - 1, len(torque) - first)
+        columns += [lfilter([1.0], tail, row) for row in pulse] + [lfilter(b, tail, np.ones(len(torque) - first))]
         if noise:
             del columns[size]  # the leading one of C
         psi = np.stack(columns, axis=1)

@@ -62,18 +62,17 @@ def truth(machine):
     return found
 
 
-def judged(case, values, inside, bound, looser=None):
+def judged(case, values, inside, bound):
     """Print and check: coverage between 0.93 and 0.97 on average, variance within 1.15 of the bound.
 
     values, inside  name -> one entry per fit; a fit that states no interval does not cover
-    looser          name -> another factor of the bound
     """
     shares = {name: round(float(np.mean(x)), 3) for name, x in inside.items()}
     over = {name: round(float(np.nanvar(x) / bound[name] ** 2), 3) for name, x in values.items()}
     mean = float(np.mean(list(shares.values())))
     print(f"\n{case}: {fits(2000)} fits, coverage {mean:.3f}, {shares}; variance over the Cramer-Rao bound {over}")
     assert 0.93 <= mean <= 0.97
-    assert all(ratio < {**dict.fromkeys(over, 1.15), **(looser or {})}[name] for name, ratio in over.items())
+    assert max(over.values()) < 1.15
 
 
 @pytest.mark.study
@@ -103,8 +102,7 @@ def test_notch_resonance_and_physical_parameters(case):
 def test_the_fit_in_the_frequency_domain():
     """Maximum likelihood over whole periods; friction too.
 
-    Of the twelve periods the first is left out for the transient; where the drive starts from rest that is
-    also what shows friction best, so friction is only checked to a half more than its bound.
+    Of the twelve periods the first is left out for the transient: the bound is that of the other eleven.
     """
     drive, true = drive_of(RIG), truth(RIG)
     names = [n for n in true if "." in n]
@@ -120,5 +118,4 @@ def test_the_fit_in_the_frequency_domain():
             if p.name in inside:
                 inside[p.name].append(p.ci95 is not None and p.ci95[0] <= true[p.name] <= p.ci95[1])
                 values[p.name].append(p.value)
-    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02),
-           {"motor.viscous": 1.5, "load.viscous": 1.5})
+    judged("frequency domain", values, inside, least_std(RIG, truth, u, STEP, 0.02, first=len(u) // 12))
