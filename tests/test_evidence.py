@@ -105,6 +105,23 @@ def test_of_two_as_good_the_one_that_was_asked_for_is_taken():
     assert found.best.model.code == "second" and found.between == ("first", "second")
 
 
+@pytest.mark.parametrize(("possible", "expected"), [
+    ({"dead-time", "speed-filter", "converter-lag"}, {"dead-time", "speed-filter"}),
+    ({"dead-time", "converter-lag"}, {"dead-time"})])
+def test_what_looks_like_a_cause_is_tried_unless_the_record_rules_it_out(possible, expected):
+    """An angle beside the speed tells that the speed is not filtered."""
+    asked = []
+
+    def attempted(among):
+        asked.extend(c.code for c in among)
+        return [score(1.0, code=c.code) for c in among]
+
+    search = SimpleNamespace(possible=possible, _judge=list, _attempt=attempted)
+    tried = [SimpleNamespace(candidate=SimpleNamespace(code="converter-lag"))]
+    scores = Search._with_doubles(search, tried, [score(20.0)], Decision(None, ("converter-lag",), 9.0))
+    assert set(asked) == expected and len(scores) == 1 + len(expected)
+
+
 def test_what_the_whole_record_was_searched_for_has_its_price_once():
     """The order of a ripple is found with the test samples in sight; in a later round the base has it."""
     def freeing(*names):

@@ -93,6 +93,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     samples = samples_of(traces, train, test)
     base = base_model(task, fitted_samples(samples))
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
+    search.possible = frozenset(not_ruled_out(tuple(CAUSES), mended))
     search.notes = tuple(notes)
     if len(free) > len(given[1]):
         search.begin_with(base_model(task_of(mended, *given), search.masks))
@@ -154,7 +155,7 @@ class Search:
         # A law that contains another one gains where the other is true: that is tried too, asked for or not.
         special = {code for c in wanted for code in NESTED.get(c, ())}
         self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
-        self.asked, self.unasked = frozenset(wanted), ""
+        self.asked, self.unasked, self.possible = frozenset(wanted), "", frozenset(CAUSES)
         self.masks, self.train = fitted_samples(samples), tuple(train)
         self._stand_on(base)
         self.first_folds = self.folds
@@ -212,7 +213,7 @@ class Search:
 
     def _with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
         """The scores, and those of causes that look like the ones decided for but were not to be looked for."""
-        unseen = mistaken_for(decision.between) - {t.candidate.code for t in tried}
+        unseen = (mistaken_for(decision.between) & self.possible) - {t.candidate.code for t in tried}
         if not unseen:
             return list(scores)
         return [*scores, *self._judge(self._attempt(among=[c for c in CANDIDATES if c.code in unseen]))]

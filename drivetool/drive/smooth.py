@@ -243,32 +243,33 @@ def moved_by(end, f, g, b, c, row):
         row[q] = end[q] + (f * b[q] + g * c[q])
 
 
+@njit(**HOT)
+def torque_row(laws, m, mode, nq, x, out, columns, row):
+    """row (ns,) = sensitivities of the torque of law m at a state x with sensitivities columns (nx, ns)."""
+    own_columns(laws, m, gap_side(laws.gap, m, mode), nq, x, out, row)
+    slope_of(laws.arguments, m, out, laws.slopes[m], laws.first)
+    for j in range(laws.first):
+        add_scaled(row, laws.slopes[m, j], columns[j])
+
+
 @unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
 def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
     n, nl, found, right, end, slope = laws.first, laws.code.size, laws.found, laws.right, laws.after, laws.slopes
     for m in range(nl):
-        row = big[n + 3 * m]
-        own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, x, found[0, m], row)
-        slope_of(laws.arguments, m, found[0, m], slope[m], n)
-        for j in range(n):
-            add_scaled(row, slope[m, j], big[j])
+        torque_row(laws, m, mode, s.nq, x, found[0, m], big, big[n + 3 * m])
     for r in range(n):
         for q in range(big.shape[1]):
             end[r, q] = 0.0
         add_row(c.leap[k, r], c.dleap[k, r], x, u[i], n, big, 1.0, end[r])
     for m in range(nl):
-        side, row = gap_side(laws.gap, m, mode), right[m]
-        own_columns(laws, m, side, s.nq, y, found[1, m], row)
+        # Of the rows in the middle only those that the law looks at are worked out.
+        own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, y, found[1, m], right[m])
         slope_of(laws.arguments, m, found[1, m], slope[m], n)
         for r in range(n):
             if slope[m, r] != 0.0:
-                add_row(c.mid[k, r], c.dmid[k, r], x, u[i], n, big, slope[m, r], row)
-        row = right[nl + m]
-        own_columns(laws, m, side, s.nq, b, found[2, m], row)
-        slope_of(laws.arguments, m, found[2, m], slope[m], n)
-        for r in range(n):
-            add_scaled(row, slope[m, r], end[r])
+                add_row(c.mid[k, r], c.dmid[k, r], x, u[i], n, big, slope[m, r], right[m])
+        torque_row(laws, m, mode, s.nq, b, found[2, m], end, right[nl + m])
     solve(laws.weight, laws.spare, right, big.shape[1])
     for r in range(n):
         row = c.leap[k, r]

@@ -6,10 +6,10 @@ from numba import njit
 
 from drivetool.drive.compiled import APART, COMPILE, unit
 from drivetool.drive.events import MOST, load_on, next_event, switch, unlocated_step
-from drivetool.drive.laws import gap_side, law_at, own_columns, set_hold, slope_of
+from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
-from drivetool.drive.smooth import solve
+from drivetool.drive.smooth import solve, torque_row
 from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
 from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
 
@@ -90,12 +90,7 @@ def begin(s, laws, x, time, mode):
 def start_columns(s, laws, x, mode, big):
     """Row of the torque of each law at the start."""
     for m in range(laws.code.size):
-        row, slope = big[laws.first + 3 * m], laws.slopes[m]
-        own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, x, laws.found[0, m], row)
-        slope_of(laws.arguments, m, laws.found[0, m], slope, laws.first)
-        for j in range(laws.first):
-            for q in range(row.size):
-                row[q] += slope[j] * big[j, q]
+        torque_row(laws, m, mode, s.nq, x, laws.found[0, m], big, big[laws.first + 3 * m])
 
 
 @njit(**APART)
@@ -195,16 +190,11 @@ def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
             c.vectors[3, r] = horner(w[:, r], t)
         for m in range(nl):
             i, slope = node * nl + m, laws.slopes[m]
-            own_columns(laws, m, gap_side(laws.gap, m, mode), s.nq, c.vectors[3], laws.found[1 + node, m], right[i])
-            slope_of(laws.arguments, m, laws.found[1 + node, m], slope, n)
+            torque_row(laws, m, mode, s.nq, c.vectors[3], laws.found[1 + node, m], nodes[node], right[i])
             for j in range(2 * nl):
                 weight[i, j] = 1.0 if i == j else 0.0
-            for r in range(n):
-                if slope[r] != 0.0:
-                    for q in range(ns):
-                        right[i, q] += slope[r] * nodes[node, r, q]
-                    for j in range(2 * nl):
-                        weight[i, j] -= slope[r] * nodes[node, r, ns + j]
+                for r in range(n):
+                    weight[i, j] -= slope[r] * nodes[node, r, ns + j]
     solve(weight, laws.spare, right, ns)
     for r in range(n):
         for q in range(ns):

@@ -27,12 +27,11 @@ from drivetool.identify.engine import (
     free_run,
 )
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.least_squares import Solution
 from drivetool.identify.noise import normal_under
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
+from drivetool.identify.parts import parted, told_apart
 from drivetool.identify.problem import Point
-from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
@@ -135,16 +134,12 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
     With a gap, a reversing drive, or a load sensor, friction on the motor and on the load act
     differently, and a sum shared out by rule would be a wrong model.
     """
-    for total, suffix in TOTALS.items():
+    for total in TOTALS:
         if total not in outcome.task.free or total in options.free or total in options.hold:
             continue
-        drive = outcome.drive
-        parts = [f"{b}.{suffix}" for b in drive.bodies]
-        whole = drive.values[total]
-        values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in drive.parts(total, whole).items()}
-        free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *parts} - {total})
-        task = replace(outcome.task, drive=drive.with_values(values), free=free)
-        if _tells_apart(task, outcome, parts, whole):
+        whole = outcome.drive.values[total]
+        task, parts = parted(replace(outcome.task, drive=outcome.drive), total)
+        if _told_apart(task, outcome, parts, whole):
             trial = (again(task, outcome.fit.noise) if outcome.fit is not None
                      else by_simulation(task, _segment(options), [{}], near=True))
             if _better(trial, outcome):
@@ -152,20 +147,14 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
     return outcome
 
 
-def _tells_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
-    """Predicted std of each part below a third of the sum, at the present estimate."""
+def _told_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
+    """Whether the record tells the parts, at the present estimate."""
     problem = task.problem(_segment_of(outcome))
     point = first_point(task.drive, problem, task.roles)
     point = Point(point.values, outcome.solution.point.starts)
     normal = (problem.normal(point) if outcome.fit is None
               else normal_under(problem, point, outcome.fit.noise))
-    covariance, inflation, _ = covariance_of(
-        replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
-    index = [problem.names.index(p) for p in parts]
-    with np.errstate(invalid="ignore"):
-        std = np.sqrt(np.diag(covariance)[index])
-    return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
-                and np.all(std < max(abs(whole), 1e-12) / 3.0))
+    return told_apart(problem, point, normal, parts, whole)
 
 
 def _segment_of(outcome: Outcome) -> float:

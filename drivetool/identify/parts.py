@@ -1,0 +1,35 @@
+"""A sum of friction and its parts: when a record tells them apart, and the task in which the parts are free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import TOTALS
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.problem import Normal, Point, Problem
+from drivetool.identify.results import covariance_of
+from drivetool.identify.task import Task
+
+SHARE = 1.0 / 3.0  # of the sum, that the standard deviation of each part must be below
+
+
+def parted(task: Task, total: str) -> tuple[Task, tuple[str, ...]]:
+    """(the task with the parts of a sum free, as its rule shares it out; their names)."""
+    drive, parts = task.drive, tuple(f"{b}.{TOTALS[total]}" for b in task.drive.bodies)
+    values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in drive.parts(total, drive.values[total]).items()}
+    free = tuple(n for n in drive.quantities if n in {*task.free, *parts} - {total})
+    return replace(task, drive=drive.with_values(values), free=free), parts
+
+
+def told_apart(problem: Problem, point: Point, normal: Normal, parts: Sequence[str], whole: float) -> bool:
+    """Whether the predicted std of each part is below a third of the sum, by the normal equations at a point."""
+    covariance, inflation, _ = covariance_of(
+        replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
+    index = [problem.names.index(p) for p in parts]
+    with np.errstate(invalid="ignore"):
+        std = np.sqrt(np.diag(covariance)[index])
+    return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
+                and np.all(std < max(abs(whole), 1e-12) * SHARE))
