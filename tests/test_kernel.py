@@ -1,15 +1,12 @@
 """The kernel against exact steps of linear chains, and the tools that the other kernel tests share."""
 
 import dataclasses
-import os
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from drivetool.drive import augment, compiled
+from drivetool.drive import augment
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import Drive, two_mass
 from drivetool.drive.linearise import state_space
@@ -157,20 +154,6 @@ def test_a_total_is_shared_out():
     np.testing.assert_allclose(*runs, atol=1e-12)
 
 
-def test_compiled_code_of_old_versions_is_removed(tmp_path):
-    """What was in use within a day stays, and the newest three; so does what is not ours."""
-    for name, days in (("kernel-a", 0.0), ("kernel-b", 0.1), ("kernel-c", 0.2), ("kernel-d", 0.3),
-                       ("kernel-e", 2.0), ("kernel-now", 40.0), ("other", 40.0),
-                       ("old/kernel-a", 2.0), ("old/kernel-b", 3.0),
-                       ("old/kernel-c", 4.0), ("old/kernel-d", 5.0)):
-        (tmp_path / name / "sub").mkdir(parents=True)
-        os.utime(tmp_path / name, (time.time() - 86400.0 * days,) * 2)
-    compiled._prune(tmp_path / "kernel-now")
-    compiled._prune(tmp_path / "old" / "kernel-new")
-    assert {f.name for f in tmp_path.iterdir()} == {*(f"kernel-{k}" for k in "abcd"), "kernel-now", "other", "old"}
-    assert {f.name for f in (tmp_path / "old").iterdir()} == {"kernel-a", "kernel-b", "kernel-c", "kernel-new"}
-
-
 def test_an_interpolated_torque_is_a_first_order_hold():
     """Against SciPy's exact first-order hold: the mean over a sample leaves a thousandth; a held torque 3 %."""
     drive = two_mass().with_values({"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0,
@@ -187,12 +170,3 @@ def test_an_interpolated_torque_is_a_first_order_hold():
         plant = augment.plant_of(drive.with_values({"converter.interpolation": share}), layout)
         return np.std(plant.outputs(trace, np.zeros(3))[:, 0] - exact) / np.std(exact)
     assert error(1.0) < 1e-3 < 0.02 < error(0.0)
-
-
-def test_the_compiled_code_is_keyed_by_all_its_sources(monkeypatch):
-    """Numba's own cache would not see a change in a file that the compiled function only calls."""
-    before, read = compiled._cache_folder(), Path.read_bytes
-    for name in ("run.py", "effects/drag.py"):
-        monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
-            b"#" if file.as_posix().endswith(f"drive/{name}") else b""))
-        assert compiled._cache_folder() != before

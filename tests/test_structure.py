@@ -14,9 +14,9 @@ LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["cli"] = LOWER["files"] | {"files"}
 LOWER["errors"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
-FREE = {"numpy", "scipy", "numba", "drivetool"} | set(sys.stdlib_module_names)
-FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control"},
-          "drive": {"llvmlite"},
+FREE = {"numpy", "scipy", "drivetool"} | set(sys.stdlib_module_names)
+FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control", "numba"},
+          "drive": {"llvmlite", "numba"},
           "cli": {"typer", "rich"},
           "files": {"yaml", "rich", "matplotlib", "msgspec", "pyarrow"}}
 

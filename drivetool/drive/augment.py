@@ -10,13 +10,10 @@ import numpy as np
 
 from drivetool.drive.assemble import Assembly, Law, Layout
 from drivetool.drive.chain import Drive
-from drivetool.drive.compiled import address
 from drivetool.drive.dual import Dual
-from drivetool.drive.laws import NAMES, law_torque
+from drivetool.drive.machine_code import address
 from drivetool.drive.simulate import Plant
-from drivetool.drive.smooth import law_columns
-from drivetool.drive.smooth_events import law_rough_step, show
-from drivetool.drive.system import PARAMETERS, Laws, System
+from drivetool.drive.system import LAW_NAMES, PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
 SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
@@ -103,7 +100,7 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
         if law.slides:
             friction[m] = frictions.index(law.body)
     turns = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
-    code = np.array([NAMES.index(law.name) for law in assembly.laws], np.int64)
+    code = np.array([LAW_NAMES.index(law.name) for law in assembly.laws], np.int64)
     ns = s.ns
     shown = bool(s.outputs[:, first:, 0].any())
     return Laws(
@@ -112,4 +109,4 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
         np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
         np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
-        address(law_torque), address(law_columns), address(law_rough_step), address(show) if shown else 0)
+        address("law_torque"), address("law_columns"), address("law_rough_step"), address("show") if shown else 0)

@@ -15,8 +15,7 @@ from drivetool.drive.kernel import classify, guard_values, predict, propagate_an
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
 from drivetool.drive.series import carry, series
-from drivetool.drive.system import CACHE, SYSTEM
-from drivetool.drive.table import REALS, WHOLE, WHOLES
+from drivetool.drive.views import CACHE, REALS, SYSTEM, WHOLE, WHOLES
 
 NOISE = 1e-13  # rounding error of a guard, as a share of the terms that it is the sum of
 MOST = 60  # events in one part of a sample, after which the mode is kept: no endless chatter

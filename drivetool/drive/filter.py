@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, ENTRY, HOT
+from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
 from drivetool.drive.kernel import fading, forget
 from drivetool.drive.laws import slope_of
 from drivetool.drive.modes import lookup
-from drivetool.drive.run import law_part, output_row, plain_step, reclassify, show
-from drivetool.drive.system import read_cache, read_laws, read_system
+from drivetool.drive.run import law_part, output_row, plain_step, reclassify, reveal
+from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
 
 
 @njit(**COMPILE)
 def see_through(laws, row):
     """Row of an output over the state alone, the torques of the laws put through their slopes."""
+    if laws.shown == 0:
+        return
     for m in range(laws.code.size):
         at = laws.first + 3 * m
         if row[at] != 0.0:
@@ -81,12 +83,12 @@ def advance_covariance(p, f, noise, q, extra, t):
 
 
 @njit(**HOT)
-def correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
+def correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
     """Measurement updates of sample i: state, covariance, gains and innovations."""
     for m in range(innov.shape[1]):
         e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
-        if smooth is not None and read_laws(smooth).shown:
-            see_through(read_laws(smooth), row)
+        if laws is not None:
+            see_through(laws, row)
         innov[i, m] = e
         var[i, m] = 1.0
         known = e == e
@@ -99,50 +101,60 @@ def correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p,
                 x[j] += k[j] * e
 
 
-@njit(**ENTRY)
-def kalman(system, cache, smooth, clock, u, late, y, r, q, extra, p, x, mode, gain, var, innov, states):
+@njit(**COMPILE)
+def filter_through(s, c, laws, f, q, clock):
     """Extended Kalman filter: exact mode-wise transitions, sensitivities across events.
 
-    system, cache, smooth  as for `run`; no free parameters, and ns = nx columns
-    r        (ny,)        sensor variances relative to that of the first output
-    q        torque noise variance, entering with the first input; extra (nx,) on the states
-    p        (plain, plain) covariance of the start state, changed
-    gain     (n, ny, nx)  or (0, ny, nx), left as it is for what lies behind the plain states
-    var      (n, ny); innov (n, ny), NaN where unmeasured
-    states   (n, nx)      filtered states, or (0, nx)
+    f      a Filtering; the system has no free parameters, and ns = nx columns
+    laws   None where there are none
+    q      torque noise variance, entering with the first input
+    clock  time of the first sample [s]
     """
-    s, c = read_system(system), read_cache(cache)
     nx = s.plain
+    u, late, y, r, extra, p, x, mode = f.u, f.late, f.y, f.r, f.extra, f.p, f.x, f.mode
+    gain, var, innov, states = f.gain, f.var, f.innov, f.states
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
     n, parts, early, fades, number = mode.size, s.spans.size, s.early, fading(memory), -1
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
-    f, t = c.transition, c.columns[0]
+    moved, t = c.transition, c.columns[0]
     reclassify(spring, slip_rows, reach, x, mode, guards)
     for i in range(u.shape[0]):
-        if smooth is not None and read_laws(smooth).shown:
-            show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, f)
-        correct(s, smooth, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
+        if laws is not None:
+            reveal(s, laws, x, clock, mode, moved)
+        correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
         if n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             number = -1
         for j in range(nx):
             for m in range(nx):
-                f[j, m] = 1.0 if j == m else 0.0
+                moved[j, m] = 1.0 if j == m else 0.0
             if states.shape[0] > 0:
                 states[i, j] = x[j]
             noise[j] = 0.0
         for part in range(parts):
             held = late if part < early else u
-            if smooth is None and (number < 0 or parts > 1):
+            if laws is None and (number < 0 or parts > 1):
                 number = lookup(s, c, mode, part)
-            if smooth is not None:
-                number, _ = law_part(s, c, read_laws(smooth), number, x, held, i, clock, f, mode, part, b)
+            if laws is not None:
+                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b)
                 number = lookup(s, c, mode, part) if number < 0 else number
                 clock += s.spans[part]
-            elif not plain_step(leap, dleap, watch, looks, reach, level, number, x, held, i, f, mode, b, t):
-                rough_step(c.rough, s, c, x, held, i, f, mode, part)
+            elif not plain_step(leap, dleap, watch, looks, reach, level, number, x, held, i, moved, mode, b, t):
+                rough_step(c.rough, s, c, x, held, i, moved, mode, part)
                 number = lookup(s, c, mode, part)
             add_noise(leap, number, noise, b)
-        forget(memory, fades, x, f)
-        advance_covariance(p, f, noise, q, extra, t)
+        forget(memory, fades, x, moved)
+        advance_covariance(p, moved, noise, q, extra, t)
+
+
+@unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
+def kalman(s, c, f, q, clock):
+    """Filter a record; see filter_through."""
+    filter_through(s, c, None, f, q, clock)
+
+
+@unit(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
+def kalman_laws(s, c, laws, f, q, clock):
+    """The same with smooth laws."""
+    filter_through(s, c, laws, f, q, clock)

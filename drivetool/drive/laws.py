@@ -4,30 +4,27 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, HOT, unit
+from drivetool.drive.compiled import COMPILE, HOT, LAW, unit
 from drivetool.drive.effects import (
     asymmetry,
     drag,
     drift,
     hardening,
-    imbalance,
     load_damping,
     load_step,
     ripple,
     stribeck,
 )
-from drivetool.drive.table import REAL, REALS, WHOLE
+from drivetool.drive.views import REAL, REALS, WHOLE
 
-NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "imbalance", "load-step", "hardening", "load-damping")
-
-_STRIBECK, _ASYMMETRY, _DRAG, _DRIFT = stribeck.torque, asymmetry.torque, drag.torque, drift.torque
-_RIPPLE, _IMBALANCE, _STEP = ripple.torque, imbalance.torque, load_step.torque
-_HARDENING, _DAMPING = hardening.torque, load_damping.torque
+_STRIBECK, _ASYMMETRY, _DRAG, _DRIFT, _RIPPLE, _STEP, _HARDENING, _DAMPING = (
+    LAW(effect.torque) for effect in (
+        stribeck, asymmetry, drag, drift, ripple, load_step, hardening, load_damping))
 
 
 @unit(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
 def law_torque(code, a, b, time, side, p, out):
-    """out = torque, its derivatives over the arguments a and b, and over the parameters."""
+    """out = torque, code after LAW_NAMES, its derivatives over the arguments a and b, and over the parameters."""
     for j in range(out.size):
         out[j] = 0.0
     if code == 0:
@@ -41,10 +38,8 @@ def law_torque(code, a, b, time, side, p, out):
     elif code == 4:
         _RIPPLE(a, b, time, side, p, out)
     elif code == 5:
-        _IMBALANCE(a, b, time, side, p, out)
-    elif code == 6:
         _STEP(a, b, time, side, p, out)
-    elif code == 7:
+    elif code == 6:
         _HARDENING(a, b, time, side, p, out)
     else:
         _DAMPING(a, b, time, side, p, out)

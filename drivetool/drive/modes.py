@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, ONCE, unit
-from drivetool.drive.system import CACHE, LOOKS, SYSTEM
-from drivetool.drive.table import REAL, WHOLE, WHOLES
+from drivetool.drive.system import LOOKS
+from drivetool.drive.views import CACHE, REAL, SYSTEM, WHOLE, WHOLES
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
 TERMS = 14

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import APART, COMPILE, ENTRY, HOT
+from drivetool.drive.compiled import APART, COMPILE, HOT, unit
 from drivetool.drive.events import rough_step, switch_late
 from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
 from drivetool.drive.smooth import law_step
 from drivetool.drive.smooth_events import law_rough_step, show
-from drivetool.drive.system import read_cache, read_laws, read_system
+from drivetool.drive.views import CACHE, LAWS, PASS, REAL, SYSTEM, WHOLE
 
 
 @njit(**HOT)
@@ -141,46 +141,35 @@ def plain_step(leap, dleap, watch, looks, reach, level, k, x, u, i, big, mode, b
     return True
 
 
-@njit(**ENTRY)
-def run(system, cache, smooth, clock, u, late, y, gain, weight, x, big, mode, fresh, out, jac, states):
-    """Simulate n samples; everything may be continued in the next call.
+@njit(**COMPILE)
+def go_through(s, c, laws, p, clock):
+    """Simulate the samples of a pass p; laws None where there are none, clock the time of the first [s].
 
-    system, cache, smooth    tables of a System, a Cache, and the smooth Laws or None
-    clock    time of the first sample [s]
-    u, late  (n, nu)         inputs, and those before the dead time switches inside the sample
-    y        (n, ny)         measured outputs, NaN where there is none
-    gain     (n, ny, nx)     observer gains, or (0, ny, nx) for a free run
-    weight   (n, ny)         1/std of the innovations relative to the sensor's, or (0, ny)
-    x, big   (nx,), (nx, ns) state and sensitivities, carried on
-    mode     (elements,)     carried on; worked out first if `fresh`
-    out      (n, ny)         predicted outputs
-    jac      (n, ny, ns)     weighted sensitivities, the weighted residual out - y in the last
-                             column; or (0, ny, ns)
-    states   (n, nx)         state before the sample's measurement is used, or (0, nx)
     returns  samples in which events were located
     """
-    s, c = read_system(system), read_cache(cache)
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
     reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
+    u, late, y, gain, weight, x, big, mode = p.u, p.late, p.y, p.gain, p.weight, p.x, p.big, p.mode
+    out, jac, states = p.out, p.jac, p.states
     n, parts, early = mode.size, s.spans.size, s.early
     row, b, col, t = c.vectors[0], c.vectors[1], c.gradient, c.columns[0]
-    if fresh:
+    if p.fresh != 0:
         reclassify(spring, slip_rows, reach, x, mode, guards)
     observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
     for i in range(u.shape[0]):
         if states.shape[0] > 0:
             for j in range(x.size):
                 states[i, j] = x[j]
-        if smooth is not None and read_laws(smooth).shown:
-            show(read_laws(smooth).show, s, read_laws(smooth), x, clock, mode, big)
+        if laws is not None:
+            reveal(s, laws, x, clock, mode, big)
         observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac)
         if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             first = -1
         for part in range(parts):
             held = late if part < early else u
-            if smooth is not None:
-                first, free = law_part(s, c, read_laws(smooth), first, x, held, i, clock, big, mode, part, b)
+            if laws is not None:
+                first, free = law_part(s, c, laws, first, x, held, i, clock, big, mode, part, b)
                 located += not free
                 clock += s.spans[part]
             else:
@@ -196,3 +185,22 @@ def run(system, cache, smooth, clock, u, late, y, gain, weight, x, big, mode, fr
                 first = -1
         forget(memory, fades, x, big)
     return located
+
+
+@njit(**HOT)
+def reveal(s, laws, x, clock, mode, big):
+    """Put the torques of the laws where an output can read them, if one does."""
+    if laws.shown != 0:
+        show(laws.show, s, laws, x, clock, mode, big)
+
+
+@unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+def run(s, c, p, clock):
+    """Simulate the samples of a pass; see go_through."""
+    return go_through(s, c, None, p, clock)
+
+
+@unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
+def run_laws(s, c, laws, p, clock):
+    """The same with smooth laws."""
+    return go_through(s, c, laws, p, clock)

@@ -6,12 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drivetool.drive.compiled import address
-from drivetool.drive.events import rough_step, switch_late
-from drivetool.drive.filter import kalman
-from drivetool.drive.modes import work_out
-from drivetool.drive.run import run
-from drivetool.drive.system import Cache, Laws, System, empty_cache
+from drivetool.drive.machine_code import address, function
+from drivetool.drive.system import Cache, Filtering, Laws, Pass, System, empty_cache
 from drivetool.drive.table import packed
 
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
@@ -69,20 +65,25 @@ class Plant:
     laws: Laws | None = None
     interpolation: float = 0.0
     cache: Cache = field(init=False)
-    tables: tuple[np.ndarray, np.ndarray, np.ndarray | None] = field(init=False)
+    tables: tuple[np.ndarray, ...] = field(init=False)
 
     def __post_init__(self):
         exact, late = self.laws is None, self.system.early > 0 and self.system.delay.any()
         cache = empty_cache(self.system, self.laws, (
-            address(work_out), address(rough_step) if exact else 0, address(switch_late) if late else 0))
-        laws = None if self.laws is None else packed(self.laws)
+            address("work_out"), address("rough_step") if exact else 0, address("switch_late") if late else 0))
         object.__setattr__(self, "cache", cache)
-        object.__setattr__(self, "tables", (packed(self.system), packed(cache), laws))
+        object.__setattr__(self, "tables", tuple(
+            packed(t) for t in (self.system, cache, self.laws) if t is not None))
 
     @property
     def nx(self) -> int:
         """Number of states, without those that the smooth laws add."""
         return self.system.plain
+
+    def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
+        """Let a part of the kernel go over a record."""
+        tables = (*self.tables, packed(record))
+        return function(name if self.laws is None else f"{name}_laws")(*(t.ctypes.data for t in tables), *numbers)
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)
@@ -118,10 +119,9 @@ class Plant:
         u, late = self.held(trace.inputs)
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
-        events = run(*self.tables, trace.origin, u, late, trace.outputs,
-                     *_observer(s, gains, slice(None)), self._start(start),
-                     np.zeros((s.nx, 0)), np.ones(s.ng + s.nf, np.int64),
-                     True, out, np.empty((0, s.ny, s.ns)), states)
+        events = self._call("run", Pass(
+            u, late, trace.outputs, *_observer(s, gains, slice(None)), self._start(start), np.zeros((s.nx, 0)),
+            np.ones(s.ng + s.nf, np.int64), True, out, np.empty((0, s.ny, s.ns)), states), trace.origin)
         return out, states[:, :self.nx], events
 
     def _first_columns(self) -> np.ndarray:
@@ -150,9 +150,8 @@ class Plant:
             gain, scale = _observer(s, gains, part)
             if gains is None and weight is not None:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
-            run(*self.tables, trace.origin + a * trace.step, u[part], late[part],
-                trace.outputs[part], gain, scale, x, big, mode,
-                a == 0, np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx)))
+            self._call("run", Pass(u[part], late[part], trace.outputs[part], gain, scale, x, big, mode, a == 0,
+                           np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx))), trace.origin + a * trace.step)
             flat = rows.reshape(-1, s.ns)
             total += flat.T @ flat
         return total
@@ -164,10 +163,8 @@ class Plant:
         u, late = self.held(trace.inputs)
         big = self._first_columns()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
-        run(*self.tables, trace.origin, u, late, trace.outputs,
-            *_observer(s, gains, slice(None)), self._start(start), big,
-            np.ones(s.ng + s.nf, np.int64), True, out, jac,
-            np.empty((0, s.nx)))
+        self._call("run", Pass(u, late, trace.outputs, *_observer(s, gains, slice(None)), self._start(start), big,
+                       np.ones(s.ng + s.nf, np.int64), True, out, jac, np.empty((0, s.nx))), trace.origin)
         return out, jac
 
     def filter(self, trace: Trace, start: np.ndarray, sensor: np.ndarray, torque: float,
@@ -186,8 +183,9 @@ class Plant:
         gain = np.zeros((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
-        kalman(*self.tables, trace.origin, u, late, trace.outputs, sensor, torque, extra, p,
-               self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states)
+        self._call("kalman", Filtering(
+            u, late, trace.outputs, sensor, extra, p, self._start(start), np.ones(s.ng + s.nf, np.int64), gain,
+            var, innov, states), torque, trace.origin)
         return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 
 

@@ -15,8 +15,7 @@ from numba import njit
 from drivetool.drive.compiled import APART, HOT, unit
 from drivetool.drive.kernel import stays
 from drivetool.drive.laws import gap_side, law_at, own_columns, slope_of
-from drivetool.drive.system import CACHE, LAWS, SYSTEM
-from drivetool.drive.table import REALS, WHOLE, WHOLES
+from drivetool.drive.views import CACHE, LAWS, REALS, SYSTEM, WHOLE, WHOLES
 
 ROUNDS = 8  # of Newton's method, after which shorter stretches are taken
 NEAR = 1e-2  # relative change of the torques, below which the change after it is the coupling's share of it at most

@@ -10,8 +10,8 @@ from drivetool.drive.laws import law_at, set_hold
 from drivetool.drive.modes import STIFF, lookup
 from drivetool.drive.roots import horner
 from drivetool.drive.smooth import solve, torque_row
-from drivetool.drive.system import CACHE, LAWS, ORDER, SYSTEM
-from drivetool.drive.table import REAL, REALS, WHOLE, WHOLES
+from drivetool.drive.system import ORDER
+from drivetool.drive.views import CACHE, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES
 
 ROUNDS = 12  # of the fixed point, after which shorter stretches are taken
 CLOSE = 1e-10  # relative change of the torques at which it has converged

@@ -13,11 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivetool.drive.table import Float1, Float2, Float3, Float4, Int1, Int2, Pointer, reader
+from drivetool.drive.table import Float1, Float2, Float3, Float4, Int1, Int2
 
 ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
 CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
 PARAMETERS = 4  # of a smooth law, at most
+# The smooth laws by number.
+LAW_NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "load-step", "hardening", "load-damping")
 LOOKS = 8  # most instants inside a sample at which a guard is looked at
 
 
@@ -169,6 +171,62 @@ class Cache(NamedTuple):
     late: int
 
 
+class Pass(NamedTuple):
+    """Samples of a record to be simulated, and room for what comes out; all may go on in the next call.
+
+    u, late  (n, nu)         inputs, and those before the dead time switches inside the sample
+    y        (n, ny)         measured outputs, NaN where there is none
+    gain     (n, ny, nx)     observer gains, or (0, ny, nx) for a free run
+    weight   (n, ny)         1/std of the innovations relative to the sensor's, or (0, ny)
+    x, big   (nx,), (nx, ns) state and sensitivities, carried on
+    mode     (elements,)     carried on; worked out first if `fresh`
+    out      (n, ny)         predicted outputs
+    jac      (n, ny, ns)     weighted sensitivities, the weighted residual out - y in the last
+                             column; or (0, ny, ns)
+    states   (n, nx)         state before the sample's measurement is used, or (0, nx)
+    """
+
+    u: Float2
+    late: Float2
+    y: Float2
+    gain: Float3
+    weight: Float2
+    x: Float1
+    big: Float2
+    mode: Int1
+    fresh: int
+    out: Float2
+    jac: Float3
+    states: Float2
+
+
+class Filtering(NamedTuple):
+    """A record to be filtered, and room for what comes out.
+
+    u, late, y  as in a Pass
+    r        (ny,)        sensor variances relative to that of the first output
+    extra    (nx,)        variance added to each state per sample
+    p        (plain, plain) covariance of the start state, changed
+    x, mode  (nx,), (elements,) changed
+    gain     (n, ny, nx)  or (0, ny, nx), left as it is for what lies behind the plain states
+    var      (n, ny); innov (n, ny), NaN where unmeasured
+    states   (n, nx)      filtered states, or (0, nx)
+    """
+
+    u: Float2
+    late: Float2
+    y: Float2
+    r: Float1
+    extra: Float1
+    p: Float2
+    x: Float1
+    mode: Int1
+    gain: Float3
+    var: Float2
+    innov: Float2
+    states: Float2
+
+
 def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -> Cache:
     """Room for the modes of a system, none of them worked out yet; addresses of its units."""
     nx, nz, jet = s.rows.shape
@@ -186,8 +244,3 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((5, nx)),
                  np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)
-
-
-SYSTEM, CACHE, LAWS = Pointer(System), Pointer(Cache), Pointer(Laws)
-# For compiled code: the tuple from its table.
-read_system, read_cache, read_laws = reader(SYSTEM), reader(CACHE), reader(LAWS)

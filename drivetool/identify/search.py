@@ -36,7 +36,7 @@ WAYS = ((0, "linear", 10.0), (1, "linear", 1.0), (0, "exact", 10.0), (2, "linear
         (3, "linear", 1.0), (2, "exact", 10.0), (4, "linear", 1.0), (3, "linear", 10.0), (5, "linear", 1.0))
 
 AGAIN = ("linear", 0.1)  # from the best so far, where the last steps went astray
-AT_ONCE = 2  # descents that are made together to begin with
+AT_ONCE = 2  # looks, and descents to begin with, that are made together
 EVERY = 3  # descents after which that is tried
 
 T = TypeVar("T")
@@ -120,9 +120,15 @@ def ranked(task: Task, starts: Sequence[Mapping[str, float]], seed: int) -> list
     problem, linear = task.problem(), task.linear_problem()
     natural = natural_ratio(problem, first_point(begun[0].drive, problem, task.roles))
     small, flat = excerpt(problem, GLANCE), excerpt(linear, GLANCE)
-    looks = [float(np.nan_to_num(min(glances(small, flat, t, natural, GLANCES)), nan=np.inf)) for t in others]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        looks = list(pool.map(lambda t: least(glances(small, flat, t, natural, GLANCES)), others))
     order = sorted(range(len(others)), key=lambda i: (looks[i], i))
     return begun[:1] + [others[i] for i in order]
+
+
+def least(values: Sequence[float]) -> float:
+    """The least, infinity where one is no number."""
+    return float(np.nan_to_num(min(values), nan=np.inf))
 
 
 def _varied(task: Task, rng: np.random.Generator) -> Task:

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from drivetool.drive import compiled  # sets the folder of the compiled code
-
-COMPILE = {"cache": compiled.ENTRY["cache"], "error_model": "numpy"}
+COMPILE = {"cache": True, "error_model": "numpy"}
 MOST = 4096  # extrema kept
 BLOCK, BLOCKS = 12, 40000  # steps of one length, and how often that length is chosen anew
 DEAD = 1e-10  # share of the first integral below which what is left to come is dropped

@@ -4,12 +4,10 @@ Only the viscous part needs a law: Coulomb friction that differs by direction is
 plus an idle torque, exactly.
 """
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(w, _, time, side, p, out):
     """-ca |w|, ca = p[0]: more friction forward, less backward."""
     out[0] = -p[0, 0] * abs(w)

@@ -1,11 +1,9 @@
 """Quadratic drag: fans, churning oil, anything that throws a fluid about."""
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(w, _, time, side, p, out):
     """-c2 w |w|, c2 = p[0]."""
     out[0] = -p[0, 0] * w * abs(w)

@@ -2,12 +2,10 @@
 
 from math import exp
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(w, _, time, side, p, out):
     """-(Td side + cd w) exp(-t/tau); Td, cd, tau = p[0..2], t from the start of the record."""
     tau = p[2, 0]

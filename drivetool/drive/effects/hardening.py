@@ -2,12 +2,10 @@
 
 from math import log
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(twist, _, time, side, p, out):
     """ks h twist (|twist|/r)^n; ks h, r, n = p[0..2]."""
     size = abs(twist)

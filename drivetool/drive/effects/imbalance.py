@@ -1,23 +1,15 @@
 """Imbalance: a weight on the last body that gravity pulls down once per turn."""
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
-from drivetool.drive.effects.ripple import torque as ripple
 from drivetool.quantity import Quantity
 
 
-@LAW
-def torque(angle, _, time, side, p, out):
-    """a sin(angle) + b cos(angle); a, b = p[0], p[1], and p[2] is the order, one."""
-    ripple(angle, 0.0, time, side, p, out)
-
-
 def stamp(assembly, body):
-    """On the last body, at its own angle."""
+    """On the last body, at its own angle; a ripple of first order is the same law."""
     present = assembly.acts(body, "imbalance_sine") or assembly.acts(body, "imbalance_cosine")
     if body == assembly.n - 1 and present:
         parameters = [assembly.of_body(body, s) for s in ("imbalance_sine", "imbalance_cosine")]
-        assembly.law("imbalance", [*parameters, assembly.number(1.0)], assembly.angle_of(body), body=body)
+        assembly.law("ripple", [*parameters, assembly.number(1.0)], assembly.angle_of(body), body=body)
 
 
 EFFECT = Effect(

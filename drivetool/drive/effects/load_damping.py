@@ -1,11 +1,9 @@
 """Shaft damping that grows with the torque the shaft carries."""
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(twist, rate, time, side, p, out):
     """d ks |twist| rate; d ks = p[0]."""
     size = abs(twist)

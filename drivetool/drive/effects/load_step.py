@@ -1,11 +1,9 @@
 """A load torque that sets in once, at an instant nobody logged."""
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(_, __, time, side, p, out):
     """-A from t0 on, over a rise of p[2] seconds so that t0 has a derivative; A, t0 = p[0], p[1]."""
     s = (time - p[1, 0]) / p[2, 0] + 0.5

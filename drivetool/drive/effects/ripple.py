@@ -2,12 +2,10 @@
 
 from math import cos, sin
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(angle, _, time, side, p, out):
     """a sin(n angle) + b cos(n angle); a, b, n = p[0..2]."""
     s, c = sin(p[2, 0] * angle), cos(p[2, 0] * angle)

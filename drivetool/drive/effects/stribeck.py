@@ -2,12 +2,10 @@
 
 from math import exp
 
-from drivetool.drive.compiled import LAW
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
-@LAW
 def torque(w, _, time, side, p, out):
     """-side Ts exp(-(w/ws)^2), Ts = p[0], ws = p[1]."""
     ratio = w / p[1, 0]

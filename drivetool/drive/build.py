@@ -1,0 +1,67 @@
+"""Compile parts of the kernel into object files: `python -m drivetool.drive.build FOLDER FILE.NAME ...`."""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import os
+import re
+import sys
+from pathlib import Path
+
+from llvmlite import binding as llvm
+from numba.core import codegen
+
+from drivetool.drive.machine_code import symbol
+
+# What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
+# there need be no Numba: to get there is to stop.
+FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
+
+
+def leave_to_the_end() -> None:
+    """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
+
+    It is done once for a whole part, below. Nothing that is compiled here runs in this process.
+    """
+    codegen.CPUCodeLibrary._optimize_final_module = lambda library: None
+    codegen.JITCodeLibrary._finalize_specific = lambda library: None
+    codegen.JITCodeLibrary.get_pointer_to_function = lambda library, name: library._ensure_finalized() or 0
+    codegen.JITCPUCodegen.set_env = lambda self, name, environment: None
+    gc.disable()  # all stays until the end of the process
+
+
+def build(part: str, folder: Path) -> None:
+    """Write the object file of a part, as a whole or not at all."""
+    file, name = part.split(".")
+    made = getattr(importlib.import_module(f"drivetool.drive.{file}"), name).made()
+    code = made.inspect_llvm().replace(made.native_name, symbol(name))
+    code = FOREIGN.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
+    if "declare void @llvm.trap()" not in code:
+        code += "\ndeclare void @llvm.trap()\n"
+    module, machine = llvm.parse_assembly(code), _machine()
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization, options.slp_vectorization = True, False
+    passes = llvm.create_pass_builder(machine, options)
+    for _ in range(2):  # what the first leaves of the many small functions the second turns into fast loops
+        passes.getModulePassManager().run(module, passes)
+    module.verify()
+    temporary = folder / f".{name}.{os.getpid()}"
+    temporary.write_bytes(machine.emit_object(module))
+    os.replace(temporary, folder / f"{name}.o")
+
+
+def _machine() -> llvm.TargetMachine:
+    """This processor, with addresses of any length: code and libraries may lie far apart."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_default_triple()
+    return target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True,
+        reloc="static" if target.name.startswith("x86") else "default", codemodel="jitdefault")
+
+
+if __name__ == "__main__":
+    leave_to_the_end()
+    for part in sys.argv[2:]:
+        build(part, Path(sys.argv[1]))
