@@ -121,3 +121,18 @@ def test_numbers_that_are_not_finite_end_too():
         torque[50] = poison
         out = plant.outputs(Trace(torque, np.zeros((100, 1)), STEP), start_of(machine, plant))
         assert np.all(np.isfinite(out[:50]))
+
+
+def test_how_arrays_lie_in_memory_does_not_matter():
+    """Columns first, every second row, whole numbers: the kernel walks along rows of floats."""
+    machine = Machine((0.6, 5.2), (0.8, 0.3), (0.0, 0.0), (0.0, 0.0), (3300.0,), (3.1,), rated_torque=200.0)
+    plant = plant_of(drive_of(machine), ["motor_speed", "load_speed"])
+    torque = np.round(levels(machine, 400, 1))[:, None]
+    measured = plant.outputs(Trace(torque, np.zeros((400, 2)), STEP), np.zeros(3))
+    runs = [plant.filter(Trace(u, y, STEP), np.zeros(3), np.ones(2), 1.0, np.zeros(3), p).innovations
+            for u, y, p in ((torque, measured, np.eye(3)),
+                            (torque.astype(int), np.asfortranarray(measured), np.asfortranarray(np.eye(3))),
+                            (np.repeat(torque, 2, 0)[::2], np.repeat(measured, 2, 0)[::2], np.eye(3, dtype=int)))]
+    assert np.abs(runs[0]).max() < 1e-9
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other, runs[0])

@@ -29,6 +29,10 @@ class Trace:
     name: str = ""
     origin: float = 0.0
 
+    def __post_init__(self):
+        for name in ("inputs", "outputs"):  # the kernel walks along the rows
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
+
     @property
     def size(self) -> int:
         """Number of samples."""
@@ -179,7 +183,7 @@ class Plant:
         """
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
-        p = np.zeros((self.nx, self.nx)) if covariance is None else np.array(covariance)
+        p = np.zeros((self.nx, self.nx)) if covariance is None else np.array(covariance, float, order="C")
         gain = np.zeros((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
