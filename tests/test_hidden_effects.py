@@ -20,7 +20,7 @@ BRIEF = [("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11
 NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
 # Among fewer rivals.
 SOON = [("coulomb-motor", 31), ("stribeck-motor", 32), ("stribeck-load", 33), ("load-dependent-damping", 34),
-        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 41),
+        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42),
         ("wrong-sign-shaft", 40)]
 # Two at once, and other kinds of record.
 MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "closed-loop"} | SHORT),

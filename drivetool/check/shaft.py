@@ -9,17 +9,21 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.model import Model, everything, fit
-from drivetool.check.preflight import SURE, Fault
+from drivetool.check.preflight import Fault
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.least_squares import schur
+from drivetool.identify.noise import Noise, filtered, fit_ratio, normal_under
 from drivetool.identify.rough import KNOWN, totals
 from drivetool.identify.setup import Roles, first_point, roles_of
 from drivetool.logs.experiment import Experiment
 
+BLAMED = 4.0  # standard errors of the scale from which the sensor is blamed
 SCALE = 0.02  # relative error of the shaft torque below which it is not blamed
+PIECE = 0.25  # s of record that count as independent of the next
+STRAIGHT = 0.02  # relative change of a parameter over which all that follows from it is a straight line
 # Where to start from besides the base, which may have been bent to a wrong sensor: shares of the load in
 # the inertia, and resonances [Hz].
 SHARES, RESONANCES = (0.15, 0.5, 0.85), (8.0, 20.0, 50.0)
@@ -41,14 +45,14 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     models = []
     for values in ({}, *_elsewhere(task)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            models.append(_fitted(task.at(values)))
+            models.append(fitted_base(task.at(values)))
     if not models:
         return tuple(experiments), drive, []
     model = min(models, key=lambda m: m.value)
     measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in experiments
                                for a, b in e.segments if b - a >= 10])
-    factor, error = _factor(measured, *shaft_torque_of(model), experiments[0].step)
-    if abs(factor - 1.0) < max(SCALE, SURE * error) or abs(factor) < 0.05:
+    factor, error = scale_of(model, measured, experiments[0].step)
+    if abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05:
         return tuple(experiments), drive, []
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     if code not in wanted:
@@ -58,11 +62,51 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor, "std": error}, "Correct sign, unit or scale of the shaft torque (or of the motor "
         "torque) in the channel map."))
-    if abs(factor + 1.0) < max(SCALE, SURE * error):
+    if abs(factor + 1.0) < max(SCALE, BLAMED * error):
         factor = -1.0  # a sign is a sign
     mended = tuple(replace(e, signals={**e.signals, "shaft_torque": e.signals["shaft_torque"] / factor})
                    for e in experiments)
     return mended, model.fitted.drive, [fault]
+
+
+def scale_of(model: Model, measured: np.ndarray, step: float) -> tuple[float, float]:
+    """(factor of a measured shaft torque (n,) over the model's, standard error).
+
+    The error is that of the comparison, and that of the model's own parameters put through it.
+    """
+    factor, error = _factor(measured, *shaft_torque_of(model), step)
+    variance = error**2
+    for change, size in _doubts(model):
+        moved = replace(model, point=replace(model.point, values=model.point.values + change))
+        other, _ = _factor(measured, *shaft_torque_of(moved), step)
+        variance += (size * (other - factor)) ** 2
+    return factor, float(np.sqrt(variance)) if np.isfinite(variance) else np.inf
+
+
+def _doubts(model: Model) -> list[tuple[np.ndarray, float]]:
+    """Independent changes (k,) of the parameters, and by what to multiply each to have one standard deviation.
+
+    A change is small enough for a straight line. What the motor does not tell, how friction is shared above all, is
+    doubted by as much as there is of it in the whole drive.
+    """
+    problem, normal = model.problem, normal_under(model.problem, model.point, model.noise)
+    matrix, _, _ = schur(normal)
+    most = np.array([_all_of(name, model) for name in model.task.free])
+    variance = normal.cost / max(problem.count - problem.unknowns, 1)
+    told, ways = np.linalg.eigh(np.outer(most, most) * matrix / variance + np.eye(len(most)))
+    found = []
+    for information, way in zip(told, ways.T, strict=True):
+        std = most * way / np.sqrt(information)
+        share = min(1.0, STRAIGHT / float(np.max(np.abs(std) / most)))
+        found.append((share * std, 1.0 / share))
+    return found
+
+
+def _all_of(name: str, model: Model) -> float:
+    """Size of a parameter with its like on the other bodies."""
+    drive, suffix = model.fitted.drive, name.rpartition(".")[2]
+    like = [abs(drive.value(n) or 0.0) for n in model.task.free if n.rpartition(".")[2] == suffix]
+    return max(sum(like), 1e-6 * float(model.problem.size[model.task.free.index(name)]))
 
 
 def _factor(measured: np.ndarray, said: np.ndarray, speed: np.ndarray, step: float) -> tuple[float, float]:
@@ -78,10 +122,10 @@ def _factor(measured: np.ndarray, said: np.ndarray, speed: np.ndarray, step: flo
         return 1.0, np.inf
     inverse = np.linalg.pinv(rows / size)
     factors = inverse @ measured[good]
-    # All are smooth over many samples: what counts as independent is a tenth of a second.
     rest = measured[good] - rows @ (factors / size)
-    error = np.std(rest) * np.linalg.norm(inverse[0]) * np.sqrt(max(0.1 / step, 1.0))
-    return float(factors[0] / size[0]), float(error / size[0])
+    # What is left repeats from sample to sample: pieces count as independent, not samples.
+    pieces = np.add.reduceat(inverse[0] * rest, np.arange(0, len(rest), max(round(PIECE / step), 1)))
+    return float(factors[0] / size[0]), float(np.linalg.norm(pieces) / size[0])
 
 
 def _elsewhere(task: Task) -> list[dict[str, float]]:
@@ -105,7 +149,8 @@ def _elsewhere(task: Task) -> list[dict[str, float]]:
     return found
 
 
-def _fitted(task: Task) -> Model:
+def fitted_base(task: Task) -> Model:
+    """The drive fitted to what the task measures."""
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))

@@ -1,0 +1,65 @@
+"""The scale of a shaft torque sensor, from the motor alone, and its stated error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.shaft import fitted_base, scale_of, shaft_fault
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import STEP, drive_like, experiment, resonance
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import machine_by_seed
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
+
+FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load.idle_torque", "shaft.stiffness",
+        "shaft.damping")
+HEAVY, LIGHT = (20, 23, 25), (26, 27)  # machines by seed, the light ones with little behind the shaft
+
+
+def recorded(seed, scale):
+    """Machine, record with the shaft torque times a scale, drive like the machine."""
+    machine, size = machine_by_seed(seed), 4000
+    if seed in LIGHT:
+        machine = replace(machine, inertia=(machine.inertia[0], 0.05 * machine.inertia[0]))
+        machine = replace(machine, stiffness=(machine.inertia[1] * (2.0 * np.pi * 25.0) ** 2,))
+        machine = replace(machine, damping=(0.02 * machine.stiffness[0] / (2.0 * np.pi * 25.0),))
+    rated = machine.rated_torque
+    torque = multisine(np.linspace(0.05, 1.5, 12) * resonance(machine), 0.1 * rated, size * STEP, STEP, seed)[:size]
+    run = simulate_linear(machine, torque, STEP, None, white_noise(size, 0.01 * rated, 3 * seed))
+    motor = run.speeds[:, 0] + white_noise(size, 3e-3 * np.abs(run.speeds).max(), 3 * seed + 1)
+    shaft = run.shaft_torques[:, 0]
+    shaft = scale * (shaft + white_noise(size, 0.01 * np.abs(shaft).max(), 3 * seed + 2))
+    return experiment(torque, motor, shaft_torque=shaft), drive_like(machine, list(FREE))
+
+
+@pytest.mark.parametrize("scale", [1.0, -1.0, 1.3])
+@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+def test_the_error_of_the_scale_is_one(seed, scale):
+    record, drive = recorded(seed, scale)
+    alone = experiment(record.signals["motor_torque"], record.signals["motor_speed"])
+    model = fitted_base(Task(drive, FREE, roles_of([alone], drive), (alone,)))
+    factor, std = scale_of(model, record.signals["shaft_torque"], STEP)
+    assert abs(factor - scale) < 3.0 * std
+    assert std < (0.2 if seed in LIGHT else 0.03) * abs(scale)
+
+
+@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+def test_a_right_sensor_is_not_blamed(seed):
+    record, drive = recorded(seed, 1.0)
+    mended, _, faults = shaft_fault([record], drive, FREE, ("wrong-scale", "wrong-sign"))
+    assert not faults and mended == (record,)
+
+
+@pytest.mark.parametrize("seed", HEAVY)
+@pytest.mark.parametrize(("scale", "code"), [(1.3, "wrong-scale"), (-1.0, "wrong-sign")])
+def test_a_wrong_sensor_is(seed, scale, code):
+    record, drive = recorded(seed, scale)
+    mended, _, (fault,) = shaft_fault([record], drive, FREE, ("wrong-scale", "wrong-sign"))
+    assert fault.code == code
+    right = record.signals["shaft_torque"] / scale
+    np.testing.assert_allclose(mended[0].signals["shaft_torque"], right, rtol=0.05)
