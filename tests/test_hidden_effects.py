@@ -25,7 +25,9 @@ SOON = [("coulomb-motor", 31), ("stribeck-motor", 32), ("stribeck-load", 33), ("
 # Two at once, and other kinds of record.
 MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "closed-loop"} | SHORT),
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
-        ("quadratic-drag", 45, {"record": "one-directional"} | SHORT)]
+        ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
+        # A slow drive: what the start state is, a tenth of a second does not tell.
+        ("stribeck-motor", 50027, {"bodies": 2, "seed": 50027})]
 # The whole catalogue.
 ALL = [("third-mass", 35, {}), ("coulomb-motor", 47, SHORT)]
 

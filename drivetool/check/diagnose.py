@@ -26,7 +26,7 @@ from drivetool.check.model import Masks, Model, everything, fit, judge, spread
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
-from drivetool.check.samples import fitted_samples, samples_of, with_beginnings
+from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.shaft import shaft_fault
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers
 from drivetool.check.story import results_of, tell
@@ -90,7 +90,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if sum(t.step * t.size for t in traces) < SHORTEST:
         raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
                             "Record longer, or give several logs.")
-    samples = samples_of(traces, train, test)
+    samples = samples_of(traces, train, test, drive)
     base = base_model(task, fitted_samples(samples))
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
     search.possible = frozenset(not_ruled_out(tuple(CAUSES), mended))
@@ -277,7 +277,7 @@ class Search:
         for fold, own in zip(self.folds, best.trained, strict=True):
             # Under the noise that the cause was judged with, if that remembers.
             base = self.model if own.noise.memory is None else replace(self.model, noise=own.noise)
-            trial = without(own, base, with_beginnings(fold.test, base.problem.traces))
+            trial = without(own, base, fold.again)
             reached = judge(trial.problem, trial.point, trial.noise, fold.test)
             lower.append(max(fold.best - reached, 0.0) if np.isfinite(reached) else 0.0)
         return [replace(s, evidence=tuple(e - d for e, d in zip(s.evidence, lower, strict=True))) for s in scores]

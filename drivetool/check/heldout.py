@@ -11,7 +11,7 @@ from scipy.special import gammaincc, gammaln
 
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread
-from drivetool.check.samples import with_beginnings
+from drivetool.check.samples import Samples
 from drivetool.identify.engine import looks_coloured
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
@@ -60,12 +60,14 @@ class Score:
 class Fold:
     """Training and test samples, and what the base makes of them.
 
+    again    the test samples and what start states need
     trained  the base fitted to the training samples; best: least -log likelihood of the test
              samples that the base reaches when it is fitted to them, its noise included
     """
 
     train: Masks
     test: Masks
+    again: Masks
     trained: Model
     best: float
 
@@ -86,17 +88,16 @@ def coloured(model: Model, masks: Masks) -> Model:
     return trial if trial.value < model.value - COLOUR else model
 
 
-def folds_of(bases: Sequence[Model], samples: Sequence[tuple[Masks, Masks]]) -> list[Fold]:
+def folds_of(bases: Sequence[Model], samples: Sequence[Samples]) -> list[Fold]:
     """The folds with what the base makes of them.
 
     bases    the base under every noise model that is possible for it
-    samples  (training, test) masks per fold
+    samples  of every fold
     """
-    def fold(pair: tuple[Masks, Masks]) -> Fold:
-        train, test = pair
-        trained = min((refit(b, train) for b in bases), key=lambda m: m.value)
-        tested = [refit(b, with_beginnings(test, b.problem.traces), renew=True) for b in bases]
-        return Fold(train, test, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
+    def fold(its: Samples) -> Fold:
+        trained, test = min((refit(b, its.train) for b in bases), key=lambda m: m.value), its.test
+        tested = [refit(b, its.again, renew=True) for b in bases]
+        return Fold(*its, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
 
     with ThreadPoolExecutor(len(samples)) as pool:
         return list(pool.map(fold, samples))
