@@ -16,7 +16,7 @@ LONG = [("backlash", 5), ("friction-drift", 38), ("asymmetric-friction", 16)]
 # Half as long a record shows the others.
 SHORT = {"duration": 6.0}
 BRIEF = [("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11), ("load-step", 5),
-         ("coulomb-load", 12), ("converter-lag", 19), ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8)]
+         ("coulomb-load", 12), ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8)]
 NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
 # Among fewer rivals.
 SOON = [("coulomb-motor", 31), ("stribeck-motor", 32), ("stribeck-load", 33), ("load-dependent-damping", 34),
@@ -96,6 +96,14 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(tmp_path):
     answer, _ = answered("speed-filter", 20, tmp_path / "records", tmp_path / "labels", words)
     assert answer.verdict == "undetermined"
     assert set(answer.between) == {"speed-filter", "converter-lag"}
+
+
+def test_a_lag_is_named_or_left_open_with_what_looks_like_it(tmp_path):
+    """A step of the current takes 1.8 ms at 1 kHz: only what is faster would tell its form."""
+    answer, causes = answered("converter-lag", 19, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "converter-lag,backlash,coulomb-load,quadratic-drag"], **SHORT)
+    assert grade(causes, answer) in ("right", "undetermined"), answer.talk
+    assert set(answer.causes or answer.between) <= {"converter-lag", "dead-time", "speed-filter"}
 
 
 def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
