@@ -4,6 +4,7 @@ import importlib
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -89,3 +90,20 @@ def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, tmp_path):
     with pytest.raises(DriveToolError, match=r"a broken installation.*requirements") as error:
         machine_code.compile_with("switch_late")
     assert str(tmp_path) in error.value.wanted and not list(tmp_path.glob("*.o"))
+
+
+def test_of_processes_that_start_together_one_compiles(monkeypatch, tmp_path):
+    """The second waits for the first, and then finds the file there."""
+    fcntl = pytest.importorskip("fcntl")
+    monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
+    started = []
+    monkeypatch.setattr(subprocess, "run", lambda words, **_: started.append(words))
+    with (tmp_path / "lock").open("w") as first:
+        fcntl.flock(first, fcntl.LOCK_EX)
+        second = threading.Thread(target=machine_code.compile_with, args=("switch_late",))
+        second.start()
+        second.join(0.2)
+        assert second.is_alive() and not started
+        (tmp_path / "switch_late.o").touch()
+    second.join()
+    assert not started

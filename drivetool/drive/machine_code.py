@@ -14,7 +14,9 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -104,9 +106,23 @@ def compile_with(name: str) -> None:
             raise DriveToolError(f"the kernel, compiled in {folder()}", last,
                                  "Install drivetool's requirements again; is there room on the disk?")
 
-    with ThreadPoolExecutor(len(group)) as pool:
+    with only_here(), ThreadPoolExecutor(len(group)) as pool:
         for _ in counted("first use: the kernel is compiled", pool.map(one, group), len(group)):
             pass
+
+
+@contextmanager
+def only_here() -> Iterator[None]:
+    """Of processes that start together one compiles, and the others find it done.
+
+    Where files cannot be locked each does it for itself, which does no harm.
+    """
+    with (folder() / "lock").open("w") as file:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _environment() -> dict[str, str]:
