@@ -19,9 +19,8 @@ BRIEF = [("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11
          ("coulomb-load", 12), ("outliers", 10), ("quantisation", 21), ("wrong-sign", 8)]
 NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
 # Among fewer rivals.
-SOON = [("coulomb-motor", 31), ("stribeck-motor", 32), ("stribeck-load", 33), ("load-dependent-damping", 34),
-        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42),
-        ("wrong-sign-shaft", 40)]
+SOON = [("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
+        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42)]
 # Two at once, and other kinds of record.
 MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "closed-loop"} | SHORT),
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),

@@ -50,8 +50,8 @@ def test_linear_machine_is_recovered_within_its_joint_uncertainty(fitted, seed):
 # 25 and 31, and from 43 on: loads of 0.10 to 0.18 of the motor's inertia, which the motor hardly feels. 43 and 278
 # cross the gap, 278 only once there and back; 25, 144 and 240 open it and never reach its other side.
 # Those that take longest are left to `make study`.
-@pytest.mark.parametrize("seed", [20, 21, 23, 24, 25, 26, 28, 43, 240, *[
-    pytest.param(seed, marks=pytest.mark.study) for seed in (22, 27, 31, 144, 278)]])
+@pytest.mark.parametrize("seed", [20, 21, 23, 24, 25, 26, 28, 240, *[
+    pytest.param(seed, marks=pytest.mark.study) for seed in (22, 27, 31, 43, 144, 278)]])
 def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     machine = machine_by_seed(seed, gap=0.2)
     record, run = gap_record(machine, seed)
