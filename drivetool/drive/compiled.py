@@ -26,7 +26,6 @@ HOT = {**COMPILE, "forceinline": True}
 # The same where no array that is written overlaps another argument: else the compiler tests for that
 # at every call, and takes vectors only for loops so long that the test pays.
 APART = {**HOT, "pipeline_class": _Apart}
-ONCE = HOT  # what is called from one place
 LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
 
 

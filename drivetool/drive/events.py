@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, ONCE, unit
+from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.kernel import classify, guard_values, predict, propagate_any
 from drivetool.drive.modes import STIFF, lookup, work_out
 from drivetool.drive.roots import first_exit, horner
@@ -32,7 +32,7 @@ def contact_guard(spring, reach, side, sign, w, p):
     p[0] -= sign * side * reach
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def stick_guard(net, u, level, side, w, p):
     """Polynomial level - side * (torque on the sticking body)."""
     nx = w.shape[1]
@@ -47,7 +47,7 @@ def stick_guard(net, u, level, side, w, p):
     p[0] += level - side * v
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def sum_of_sizes(row, x, u):
     """What rounding errors of row [x, u, 1] are in proportion to."""
     v = abs(row[x.size + u.size])
@@ -58,7 +58,7 @@ def sum_of_sizes(row, x, u):
     return v
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def next_event(s, hold, net, mode, x, u, w, p, end, fresh):
     """(time, element, new digit) of the earliest event, element -1 if there is none.
 
@@ -114,7 +114,7 @@ def load_on(net, x, u):
     return v
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def switch(s, hold, net, mode, x, u, big, element, digit):
     """Change the mode at an event and apply the saltation."""
     f = element - s.ng
@@ -149,7 +149,7 @@ def release(s, hold, net, x, u, mode):
     return found
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
     """A stretch in a mode too fast for the record: exact in that mode, which is chosen anew after."""
     to = c.rate.size - 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from drivetool.drive.compiled import COMPILE, ONCE, unit
+from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.system import LOOKS
 from drivetool.drive.views import CACHE, REAL, SYSTEM, WHOLE, WHOLES
 
@@ -51,7 +51,7 @@ def work_out(s, c, mode, part, k, h):
         laws_by_torques(s, c, k, s.spans[part])
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def laws_by_torques(s, c, k, h):
     """Columns of the smooth laws over their torques at start, middle and end, not over value, slope and bend.
 
@@ -84,7 +84,7 @@ def derivatives_by_torques(rows, at, h):
         rows[at + 2, q] = bend - slope
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def stamp_mode(s, c, mode, k):
     """The flow of slot k: stamp the switching elements, divide by the mass."""
     nx, const, jet = s.nx, s.nx + s.nu, s.nq + 1
@@ -113,7 +113,7 @@ def stamp_mode(s, c, mode, k):
             hold(a, s.slip_rows[f])
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def hold(a, row):
     """A body that sticks has no acceleration, and its speed, which is zero, moves nothing."""
     for j in range(a.shape[1]):
@@ -139,7 +139,7 @@ def let_rest(s, leap, mode):
             leap[s.slip_rows[f], s.slip_rows[f]] = 0.0
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def look_ahead(s, c, mode, k, h):
     """Rows that give every guard at the start of a part of h seconds and equally spaced inside."""
     a, rate, row = c.flow[k], c.rate[k], c.lines[0]
@@ -165,7 +165,7 @@ def look_ahead(s, c, mode, k, h):
                 watch[m + 1, j] = row[j]
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def advance_row(a, row, term, new, h):
     """row (nz,) becomes the row that gives its value h seconds later; term, new (nz,) are scratch."""
     for j in range(row.size):
@@ -195,7 +195,7 @@ def stamp_contact(s, a, g, e, side):
         a[row, const, q] -= side * (gain[0] * reach[q] + gain[q] * reach[0])
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def balanced_norm(a, b, nx):
     """Infinity norm of the state part after diagonal balancing (Osborne 1960), in 1/s.
 

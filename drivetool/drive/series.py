@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from drivetool.drive.compiled import APART, ONCE
+from drivetool.drive.compiled import APART, HOT
 
 
 @njit(**APART)
@@ -81,7 +81,7 @@ def next_term(a, u, w, n, power, g, v, t):
                     t[r, q] += e * a[r, nx + j, q + 1]
 
 
-@njit(**ONCE)
+@njit(**HOT)
 def carry(a, u, big, w, v, t, te):
     """Sensitivities across a stretch without event, as a power series."""
     nx, ns = big.shape
