@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.drive.machine_code import address, function
 from drivetool.drive.system import Cache, Filtering, Laws, Pass, System, empty_cache
-from drivetool.drive.table import packed
+from drivetool.drive.table import packed, place_of
 
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
 
@@ -87,7 +87,7 @@ class Plant:
     def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
         """Let a part of the kernel go over a record."""
         tables = (*self.tables, packed(record))
-        return function(name if self.laws is None else f"{name}_laws")(*(t.ctypes.data for t in tables), *numbers)
+        return function(name if self.laws is None else f"{name}_laws")(*map(place_of, tables), *numbers)
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)

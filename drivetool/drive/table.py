@@ -8,6 +8,7 @@ the address of a table of their addresses and shapes; views.py is its side of it
 from __future__ import annotations
 
 import operator
+from ctypes import addressof, c_char
 from functools import cache
 from typing import Annotated, get_type_hints
 
@@ -25,6 +26,13 @@ def fields(kind: type) -> tuple[tuple[str, str, int], ...]:
     return tuple((name, *getattr(hint, "__metadata__", ("int64", 0))) for name, hint in hints.items())
 
 
+def place_of(array: np.ndarray) -> int:
+    """Address of the numbers of a contiguous array, 0 of none; numpy's own way takes three times as long."""
+    if array.size == 0:
+        return 0
+    return addressof(c_char.from_buffer(array)) if array.flags.writeable else array.ctypes.data
+
+
 def packed(values: tuple) -> np.ndarray:
     """The table of a named tuple: per array its address and shape, per number the number itself.
 
@@ -37,5 +45,5 @@ def packed(values: tuple) -> np.ndarray:
             continue
         if value.dtype != number or value.ndim != dimensions or not value.flags.c_contiguous:
             raise TypeError(f"{name} is not a contiguous array of {dimensions} dimensions of {number}")
-        words += [value.ctypes.data, *value.shape]
+        words += [place_of(value), *value.shape]
     return np.array(words, np.int64)
