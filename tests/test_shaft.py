@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.shaft import fitted_base, scale_of, shaft_fault
+from drivetool.check.model import from_start
+from drivetool.check.shaft import lead_of, scale_of, shaft_fault
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import STEP, drive_like, experiment, resonance
@@ -42,7 +43,7 @@ def recorded(seed, scale):
 def test_the_error_of_the_scale_is_one(seed, scale):
     record, drive = recorded(seed, scale)
     alone = experiment(record.signals["motor_torque"], record.signals["motor_speed"])
-    model = fitted_base(Task(drive, FREE, roles_of([alone], drive), (alone,)))
+    model = from_start(Task(drive, FREE, roles_of([alone], drive), (alone,)))
     factor, std = scale_of(model, record.signals["shaft_torque"], STEP)
     assert abs(factor - scale) < 3.0 * std
     assert std < (0.2 if seed in LIGHT else 0.03) * abs(scale)
@@ -63,3 +64,13 @@ def test_a_wrong_sensor_is(seed, scale, code):
     assert fault.code == code
     right = record.signals["shaft_torque"] / scale
     np.testing.assert_allclose(mended[0].signals["shaft_torque"], right, rtol=0.05)
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.5, -1.0])
+def test_a_factor_gains_nothing_where_the_sensor_says_nothing(factor):
+    """Noise that has nothing to do with the drive is as likely in any unit: the closed form of the lead is zero."""
+    record, drive = recorded(20, 1.0)
+    noise = white_noise(4000, 1e3 * np.abs(record.signals["shaft_torque"]).max(), 7)
+    record = replace(record, signals={**record.signals, "shaft_torque": noise})
+    task = Task(drive, FREE, roles_of([record], drive), (record,))
+    assert abs(lead_of(factor, [task])) < 2.0

@@ -22,7 +22,7 @@ from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, score
 from drivetool.check.hypothesis import FAST, TRIFLE, Tried, as_special_case, attempt, polished, sizeable
 from drivetool.check.lateness import lag_of
-from drivetool.check.model import Masks, Model, everything, fit, judge, spread
+from drivetool.check.model import Masks, Model, everything, fit, from_start, judge, spread
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.remainder import Remainder, remainder
@@ -34,8 +34,8 @@ from drivetool.check.structure import carried
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import Noise, filtered, fit_ratio
-from drivetool.identify.setup import first_point, roles_of
+from drivetool.identify.noise import filtered
+from drivetool.identify.setup import roles_of
 from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
 
@@ -139,11 +139,8 @@ def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str]
 
 def base_model(task: Task, masks: Masks | None = None) -> Model:
     """The base refitted until it moves no more: one that has not converged makes every cause a discovery."""
-    problem = task.problem()
-    masks = everything(problem) if masks is None else masks
-    point = first_point(task.drive, problem, task.roles)
-    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    return with_parts(fit("base", task, problem, point, noise, masks, rounds=10), masks)
+    masks = everything(task.problem()) if masks is None else masks
+    return with_parts(from_start(task, masks, rounds=10), masks)
 
 
 class Search:

@@ -17,6 +17,7 @@ from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.noise import Noise, by_parabolas, filtered, fit_ratio, with_state
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
@@ -114,6 +115,14 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
         if gain < SETTLED and number > 0:
             break
     return Model(code, replace(task, drive=task.drive), problem, point, noise, value)
+
+
+def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> Model:
+    """A base: fitted from the values of its drive, to all samples or to those of a mask."""
+    problem = task.problem()
+    point = first_point(task.drive, problem, task.roles)
+    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
+    return fit("base", task, problem, point, noise, everything(problem) if masks is None else masks, rounds=rounds)
 
 
 def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:

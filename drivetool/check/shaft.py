@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.model import Model, everything, fit
+from drivetool.check.model import Model, from_start
 from drivetool.check.preflight import Fault
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import Noise, filtered, fit_ratio, normal_under
+from drivetool.identify.noise import filtered, normal_under
 from drivetool.identify.rough import KNOWN, totals
-from drivetool.identify.setup import Roles, first_point, roles_of
+from drivetool.identify.setup import Roles, roles_of
 from drivetool.logs.experiment import Experiment
 
 BLAMED = 4.0  # standard errors of the scale from which the sensor is blamed
@@ -45,7 +45,7 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     models = []
     for values in ({}, *_elsewhere(task)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            models.append(fitted_base(task.at(values)))
+            models.append(from_start(task.at(values)))
     if not models:
         return tuple(experiments), drive, []
     model = min(models, key=lambda m: m.value)
@@ -102,7 +102,7 @@ def lead_of(factor: float, tasks: Sequence[Task]) -> float:
         found = [np.inf]
         for task in tasks:
             with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-                found.append(fitted_base(task).value)
+                found.append(from_start(task).value)
         return min(found)
 
     count = sum(int(np.isfinite(e.signals["shaft_torque"][a:b]).sum()) for e in tasks[0].experiments
@@ -175,14 +175,6 @@ def _elsewhere(task: Task) -> list[dict[str, float]]:
             found.append({motor: (1.0 - share) * whole, load: share * whole, f"{shaft}.stiffness": stiffness,
                           f"{shaft}.damping": 0.06 * stiffness / rate, **friction})
     return found
-
-
-def fitted_base(task: Task) -> Model:
-    """The drive fitted to what the task measures."""
-    problem = task.problem()
-    point = first_point(task.drive, problem, task.roles)
-    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    return fit("base", task, problem, point, noise, everything(problem))
 
 
 def shaft_torque_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
