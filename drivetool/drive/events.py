@@ -219,5 +219,5 @@ def switch_late(s, c, x, u, late, big, mode, k):
         for r in range(s.nx):
             jump[r] -= load_on(c.flow[k, r, :, 0], x, u)
     for r in range(s.nx):
-        for q in range(s.nq):
+        for q in range(min(s.nq, big.shape[1])):
             big[r, q] += jump[r] * s.delay[q]
