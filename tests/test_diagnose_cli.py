@@ -23,7 +23,7 @@ from tests import diagnosed
 FITTED = """schema: drivetool/parameters/1
 parameters:
   motor.inertia: {value: 0.587, unit: kg m^2, std: 0.002, status: fitted}
-  load.inertia: {value: 51790, unit: kg cm^2, std: 100, status: fitted}
+  load.inertia: {value: 51790, unit: kg cm^2, std: 100, start: 60000, status: fitted}
   shaft.stiffness: {value: 3200, unit: Nm/rad}
 noise: {sensor_std.motor_speed: 0.02, torque_std: 0.3}
 data: [{file: a.parquet, sha256: SHA}]
@@ -35,9 +35,9 @@ def asked(monkeypatch):
     """What the stand-in was asked; `answer` is what it gives or raises."""
     seen = types.SimpleNamespace(answer=diagnosed.diagnosis())
 
-    def diagnose(experiments, drive, free, options, holdout):
+    def diagnose(experiments, drive, free, options, holdout, begun):
         seen.experiments, seen.drive, seen.free = experiments, drive, free
-        seen.options, seen.holdout = options, holdout
+        seen.options, seen.holdout, seen.begun = options, holdout, begun
         if isinstance(seen.answer, Exception):
             raise seen.answer
         data = tuple((e.name, e.sha256) for e in experiments)
@@ -76,6 +76,7 @@ def test_the_statistics_get_what_was_given(folder, asked, call):
     assert asked.options == DiagnoseOptions(("backlash", "dead-time"), 0.05, 2, 7)
     assert asked.drive.values["load.inertia"] == pytest.approx(5.179)
     assert asked.free == ["motor.inertia", "load.inertia"]
+    assert asked.begun == pytest.approx({"load.inertia": 6.0})
     content = yaml.safe_load(out)
     assert content["step"] == "diagnose" and content["diagnosis"]["causes"] == ["backlash"]
     assert [entry["file"] for entry in content["options"]["holdout"]] == ["b.parquet", "c.parquet"]

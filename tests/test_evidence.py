@@ -9,8 +9,8 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.decide import Decision, decide
-from drivetool.check.diagnose import Search
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
+from drivetool.check.rounds import Search
 from drivetool.identify.noise import minus_log_likelihood
 
 AGREES, DISAGREES = np.full(8, 2.0) + 0.1 * np.arange(8), np.full(8, -1.0)

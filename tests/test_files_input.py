@@ -66,6 +66,15 @@ BAD = {
 }
 
 
+def test_stds_and_starts_come_in_the_units_of_the_drive(tmp_path):
+    path = tmp_path / "fitted.yaml"
+    path.write_text(AT + "{shaft.stiffness: {value: 2, unit: kNm/rad, std: 0.1, start: 3}, load.inertia: 4, "
+                    "motor.inertia: {value: 1, unit: kg m^2, std: 0, start: 0}}")
+    loaded = load_parameters([path])
+    assert loaded.stds(two_mass()) == {"shaft.stiffness": 100.0}
+    assert loaded.starts(two_mass()) == {"shaft.stiffness": 3000.0, "motor.inertia": 0.0}
+
+
 @pytest.mark.parametrize("text, words", BAD.values(), ids=BAD)
 def test_bad_input_is_one_clear_sentence(tmp_path, text, words):
     path = tmp_path / "hand.yaml"

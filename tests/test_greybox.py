@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from scipy.signal import lfilter
 
 from drivetool.errors import BadOption, BadParameters
@@ -14,6 +15,8 @@ from drivetool.identify.greybox import greybox
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, first_point
+from tests.hidden import greybox_options, make_case, write_start
+from tests.hidden.command import run
 from tests.recover import STEP, drive_like, experiment, joint_error, linear_record, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running
@@ -154,3 +157,17 @@ def test_same_input_same_numbers():
 def test_options_that_cannot_be(options, error, words):
     with pytest.raises(error, match=words):
         greybox([linear_record(MACHINE, 51, 3.0)], start(), options)
+
+
+def test_a_linear_fit_that_went_astray_comes_in_another_way(tmp_path):
+    """From 15 % off the direct way ends with a rigid drive, 1500 units of log likelihood below the optimum."""
+    case = make_case((), 60812, seed=60812)
+    logs, _ = case.write_records(tmp_path)
+    begin = write_start(case, tmp_path)
+    run(tmp_path, ["greybox", *(log.name for log in logs), "--params", begin.name, "--out", "base.yaml", "--quiet",
+                   *greybox_options(case)])
+    found = yaml.safe_load((tmp_path / "base.yaml").read_text())["parameters"]
+    truth = case.label(False)["plain"]
+    for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
+        assert abs(found[name]["value"] - truth[name]) < 4.0 * found[name]["std"], name
+        assert found[name]["std"] < 0.02 * truth[name]

@@ -6,9 +6,10 @@ The command sees the records and a start file; the label is opened afterwards.
 import json
 
 import pytest
+import yaml
 
 from tests.hidden import CODES, greybox_options, make_case, write_start
-from tests.hidden.command import ask, grade
+from tests.hidden.command import ask, grade, run
 
 RIVALS = ("backlash", "coulomb-load", "quadratic-drag")
 # Hidden effect, machine: visible from motor torque and motor speed, or from the sensors the effect needs.
@@ -114,6 +115,27 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
         found = answer.parameters[name]
         assert abs(found["value"] - label[name]) < 4.0 * found["std"], name
+
+
+def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
+    """No law is reached from a load and a shaft a hundred times too light and too soft; their starts are known."""
+    case = make_case("coulomb-motor", 31, **SHORT)
+    logs, _ = case.write_records(tmp_path)
+    start, base = write_start(case, tmp_path), tmp_path / "base.yaml"
+    names = [log.name for log in logs]
+    run(tmp_path, ["greybox", *names, "--params", start.name, "--out", base.name, *greybox_options(case)])
+    bent = yaml.safe_load(base.read_text())
+    for name in ("load.inertia", "shaft.stiffness"):
+        bent["parameters"][name]["value"] *= 0.01
+    base.write_text(yaml.safe_dump(bent))
+    run(tmp_path, ["diagnose", *names, "--params", base.name, "--out", "extended.yaml",
+                   "--candidates", "coulomb-motor,coulomb-load,quadratic-drag"])
+    found = yaml.safe_load((tmp_path / "extended.yaml").read_text())
+    label = case.label(False)
+    assert found["diagnosis"]["causes"] == label["causes"]
+    for name in ("motor.coulomb", "load.inertia", "shaft.stiffness"):
+        truth = {**label["plain"], **label["effects"][0]["truth"]}[name]
+        assert abs(found["parameters"][name]["value"] - truth) < 4.0 * found["parameters"][name]["std"], name
 
 
 @pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [

@@ -8,46 +8,28 @@ there; named is what no other cause comes close to; and what noise cannot explai
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
-from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis, Gain, Round
-from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Score, both, folds_of, score
-from drivetool.check.hypothesis import FAST, TRIFLE, Tried, as_special_case, attempt, polished, sizeable
+from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
+from drivetool.check.hypothesis import FAST
 from drivetool.check.lateness import lag_of
-from drivetool.check.model import Masks, Model, everything, fit, from_start, judge, spread
+from drivetool.check.model import Masks, Model, everything, from_start
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault, preflight
-from drivetool.check.remainder import Remainder, remainder
+from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.shaft import shaft_fault
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers
-from drivetool.check.story import results_of, tell
-from drivetool.check.structure import carried
+from drivetool.check.story import tell
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
 from drivetool.logs.experiment import Experiment
-from drivetool.progress import counted
 
-WORKERS = 2
-NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
-HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
-REFITS = 2  # of the base, from where causes took its parameters
-JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
-CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
-LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
-SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
-AGAINST = "free runs over data held out become worse with it"
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -57,13 +39,14 @@ UNCHECKED = Finding(
 
 
 def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
-             holdout: Sequence[Experiment] = ()) -> Diagnosis:
+             holdout: Sequence[Experiment] = (), begun: Mapping[str, float] = MappingProxyType({})) -> Diagnosis:
     """Find what the simulation of a drive gets wrong.
 
     experiments  records with motor torque and any sensors; holdout: records that only judge, or
                  none: then each half of the blocks of the records judges what the other trained
     drive        the base, fitted
     free         names of its parameters that are fitted again, with and without a cause
+    begun        values that its own fit started from, as far as they are known
     raises       BadParameters: a value is missing; NotEnoughData: too short to hold anything out
     source       Wasserman, Ramdas, Balakrishnan 2020 for the evidence; Ljung 1999 for the one-step
                  errors
@@ -94,7 +77,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     base = base_model(task, fitted_samples(samples))
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
     search.possible = frozenset(not_ruled_out(tuple(CAUSES), mended))
-    search.notes = tuple(notes)
+    search.notes, search.begun = tuple(notes), begun
     if len(free) > len(given[1]):
         search.begin_with(base_model(task_of(mended, *given), search.masks))
     return tell(search.run(), drive, options)
@@ -141,252 +124,3 @@ def base_model(task: Task, masks: Masks | None = None) -> Model:
     """The base refitted until it moves no more: one that has not converged makes every cause a discovery."""
     masks = everything(task.problem()) if masks is None else masks
     return with_parts(from_start(task, masks, rounds=10), masks)
-
-
-class Search:
-    """The rounds of a diagnosis; `run` goes through them."""
-
-    def __init__(self, base: Model, wanted: Sequence[str], options: DiagnoseOptions,
-                 samples: Sequence, faults: Sequence[Fault], train: Sequence[Experiment]):
-        self.first, self.options, self.samples, self.faults = base, options, samples, list(faults)
-        # A law that contains another one gains where the other is true: that is tried too, asked for or not.
-        special = {code for c in wanted for code in NESTED.get(c, ())}
-        self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
-        self.asked, self.unasked, self.possible = frozenset(wanted), "", frozenset(CAUSES)
-        self.masks, self.train = fitted_samples(samples), tuple(train)
-        self._stand_on(base)
-        self.first_folds = self.folds
-        self.notes: tuple[Finding, ...] = ()
-        self.causes: list[str] = []
-        self.between: tuple[str, ...] = ()
-        self.evidence: dict[str, float] = {}
-        self.added: dict[str, tuple[str, ...]] = {}
-        self.rounds: list[Round] = []
-        self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
-        self.trained = tuple(f.trained for f in self.folds)
-
-    def _stand_on(self, model: Model) -> None:
-        """Make a model the base of what comes: `bases` under every noise that is possible for it, and the folds."""
-        self.model, self.bases = model, both(model, self.masks)
-        self.folds = folds_of(self.bases, self.samples)
-
-    def begin_with(self, base: Model) -> None:
-        """State gains over this base instead: it lacks what the record itself gave away."""
-        self.first, self.first_folds = base, folds_of(both(base, self.masks), self.samples)
-
-    def run(self) -> Search:
-        """All rounds, until nothing more is found."""
-        budget = self.options.error_budget
-        for number in range(self.options.rounds + 1):
-            budget *= 0.5
-            tried = self._attempt()
-            if self._improve(tried):
-                tried = self._attempt({t.candidate.code: t for t in tried})
-            scores = self._judge(tried)
-            decision = decide(scores, budget, self.gained)
-            if decision.best is not None:
-                scores = self._doubted(scores, decision.best)
-                decision = decide(scores, budget, self.gained)
-                scores = self._with_doubles(tried, scores, decision)
-                decision = decide(scores, budget, self.gained)
-            decision, stage, against = self._foretelling(decision, scores)
-            last = number == self.options.rounds
-            asked = [t for t in tried if t.candidate.code in self.asked]
-            results = tuple(replace(r, reason=AGAINST) if r.code in against else r for r in results_of(
-                asked, scores, decision, self.model, self.gained))
-            if decision.best is not None and decision.best.model.code not in self.asked:
-                self.unasked = decision.best.model.code
-            if decision.best is None or last or self.unasked:
-                stage = None
-            else:
-                self._adopt(decision)
-            self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
-            self.left = remainder(self.model)
-            if stage is None or (len(decision.between) > 1 and self.confident):
-                break
-            self._stand_on(self.model)
-        self._drop_needless()
-        return self
-
-    def _with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
-        """The scores, and those of causes that look like the ones decided for but were not to be looked for."""
-        unseen = (mistaken_for(decision.between) & self.possible) - {t.candidate.code for t in tried}
-        if not unseen:
-            return list(scores)
-        return [*scores, *self._judge(self._attempt(among=[c for c in CANDIDATES if c.code in unseen]))]
-
-    def _attempt(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = ()) -> list[Tried]:
-        """Every cause on top of the base; those that have a chance after a few steps are fitted to the end.
-
-        among  the causes; none: all that are to be tried
-        """
-        before, among = before or {}, among or self.candidates
-        with ThreadPoolExecutor(WORKERS) as pool:
-            tried = list(counted(f"round {len(self.rounds) + 1}: causes tried", pool.map(
-                lambda c: attempt(c, self.model, self.masks, before.get(c.code)), among), len(among)))
-            likely = self._likely(tried, promised=True)
-            fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
-                             pool.map(lambda t: polished(t, self.masks), likely), len(likely))
-            ends = dict(zip((t.candidate.code for t in likely), fitted, strict=True))
-            for code in [c for c in ends if c in NESTED]:
-                for simple in [c for c in NESTED[code] if c in ends]:
-                    ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
-            sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
-        return [sized.get(t.candidate.code, t) for t in tried]
-
-    def _likely(self, tried: Sequence[Tried], promised: bool = False) -> list[Tried]:
-        """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first.
-
-        promised  before they are fitted to the end: what a linear step promises counts too
-        """
-        gains = {t.candidate.code: max(self.model.value - t.model.value, t.promise if promised else -np.inf)
-                 for t in tried if t.model is not None}
-        least = max(TRIFLE, CHANCE * max(gains.values(), default=0.0))
-        likely = [t for t in tried if gains.get(t.candidate.code, -np.inf) > least]
-        return sorted(likely, key=lambda t: -gains[t.candidate.code])[:JUDGED]
-
-    def _improve(self, tried: Sequence[Tried]) -> bool:
-        """Refit the base from where the likeliest causes took its parameters; whether that is better.
-
-        A base that has not reached its optimum makes every cause look like a discovery.
-        """
-        before = self.model.value
-        for t in self._likely(tried)[:REFITS]:
-            trial = without(t.model, self.model, self.masks, self.model.value)
-            if trial.value < self.model.value - 0.5:
-                self.model = trial
-        if self.model.value > before - TRIFLE:
-            return False
-        self._stand_on(self.model)
-        return True
-
-    def _as_coloured(self, model: Model) -> Model:
-        """The model under torque noise that remembers, where the base has that too and it is likelier so."""
-        memory = [f.trained.noise for f in self.folds if f.trained.noise.memory is not None]
-        if not memory:
-            return model
-        trial = fit(model.code, model.task, model.problem, model.point, memory[0], self.masks, rounds=3)
-        return trial if trial.value < model.value else model
-
-    def _doubted(self, scores: Sequence[Score], best: Score) -> list[Score]:
-        """The scores against a base that was also fitted from where the best cause took its parameters."""
-        lower = []
-        for fold, own in zip(self.folds, best.trained, strict=True):
-            # Under the noise that the cause was judged with, if that remembers.
-            base = self.model if own.noise.memory is None else replace(self.model, noise=own.noise)
-            trial = without(own, base, fold.again)
-            reached = judge(trial.problem, trial.point, trial.noise, fold.test)
-            lower.append(max(fold.best - reached, 0.0) if np.isfinite(reached) else 0.0)
-        return [replace(s, evidence=tuple(e - d for e, d in zip(s.evidence, lower, strict=True))) for s in scores]
-
-    def _judge(self, tried: Sequence[Tried]) -> list[Score]:
-        """Held-out scores of the likeliest causes."""
-        likely = [t for t in self._likely(tried) if t.absent is None]
-
-        least = min(f.value for f in (self.model, *self.bases))
-
-        def one(t: Tried) -> Score | None:
-            try:
-                model = self._as_coloured(t.model)
-                if model is not t.model and sizeable(replace(t, models=(model,)), self.model).absent:
-                    return None
-                found = score(model, self.folds)
-                return replace(found, lead=least - found.model.value,
-                               further=len(t.model.task.free) - len(self.model.task.free))
-            except (np.linalg.LinAlgError, FloatingPointError):
-                return None
-
-        with ThreadPoolExecutor(WORKERS) as pool:
-            scores = list(counted(f"round {len(self.rounds) + 1}: causes judged on data held out",
-                                  pool.map(one, likely), len(likely)))
-        return [s for s in scores if s is not None]
-
-    def _foretelling(self, decision: Decision, scores: Sequence[Score]) -> tuple[Decision, Gain | None, set[str]]:
-        """(the decision without causes that free runs over data held out speak against, gain of the best, those).
-
-        A law that gains little beside those before it, mends single steps and spoils the run makes up for what
-        they are not exact in.
-        """
-        against: set[str] = set()
-        tied = [s for s in scores if s.model.code in decision.between]
-        # One that was asked for first, where that is as good as one that was not.
-        for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
-            stage, code = self.gain_between(self.trained, s.trained), s.model.code
-            change = stage.held_out_rmse_after - stage.held_out_rmse_before
-            worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
-            if not (worse and s.gain < LITTLE * self.gained):
-                between = tuple(c for c in decision.between if c not in against)
-                return replace(decision, best=s, between=between), stage, against
-            against.add(code)
-        return replace(decision, best=None, between=()), None, against
-
-    def _adopt(self, decision: Decision) -> None:
-        """Make the winner the base of the next round."""
-        best, code = decision.best, decision.best.model.code
-        if code in self.between:
-            self.between = ()  # not one or the other, but both
-        elif len(decision.between) > 1 and not self.between:
-            self.between = decision.between
-        self.causes.append(code)
-        self.evidence[code] = decision.evidence
-        self.gained += best.gain
-        self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
-        self.model, self.trained = best.model, best.trained
-
-    def _drop_needless(self) -> None:
-        """Take out what an earlier round put in and a later one has made needless."""
-        for code in self.causes[:-1]:
-            task, names = self.model.fitted, self.added[code]
-            values = {n: v for n, v in task.drive.values.items() if n not in names}
-            if not names or task.drive.bodies != self.first.task.drive.bodies:
-                continue
-            less = replace(task, drive=replace(task.drive, values=values),
-                           free=tuple(n for n in task.free if n not in names))
-            problem = less.problem()
-            trial = fit(code, less, problem, carried(self.model, less, problem), self.model.noise, self.masks)
-            if trial.value < self.model.value + TRIFLE * len(names):
-                self.causes.remove(code)
-                self.between = () if code in self.between else self.between
-                self.model = replace(trial, code=self.model.code)
-
-    def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
-        """The gain in free runs over held-out blocks."""
-        role = self.first.task.roles.outputs[0]
-        motion = self.first.task.drive.motion_unit
-        unit = motion if role.endswith("angle") else f"{motion}/s"
-        traces = self.first.problem.traces
-        i, a, b = blocks_of(traces)[0]
-        return gain_of(forecast(before, self.folds), forecast(after, self.folds), unit,
-                       (b - a) * traces[i].step, sensor_std(self.model),
-                       unexplained_percent(self.gained, remainder(after[0])))
-
-    def total_gain(self) -> Gain:
-        """From the first base to the last model."""
-        gain = self.gain_between(tuple(f.trained for f in self.first_folds), self.trained)
-        return replace(gain, unexplained_percent=unexplained_percent(self.gained, self.left))
-
-    @property
-    def confident(self) -> bool:
-        """Whether little enough is left over for a name to be trusted."""
-        return self.left.total <= max(LEFT * self.gained, 10.0)
-
-
-def without(model: Model, base: Model, masks: Masks, goal: float = np.inf) -> Model:
-    """The base fitted from the values that a model with a cause has for its parameters.
-
-    goal  -log likelihood that it should reach; far above it after two rounds it is given up
-    """
-    values = dict(zip(model.task.free, model.point.values, strict=True))
-    task = base.task.at({n: float(values[n]) for n in base.task.free if n in values})
-    begun = fit("base", task, base.problem, carried(model, task, base.problem), base.noise, masks, rounds=2)
-    if begun.value > goal + HOPELESS:
-        return begun
-    return fit("base", task, base.problem, begun.point, begun.noise, masks, rounds=6)
-
-
-def sensor_std(model: Model) -> float:
-    """Std of the first sensor's white noise, as the model has it."""
-    passes = filtered(model.problem, model.point, model.noise, keep=False)
-    return float(np.sqrt(spread(passes, everything(model.problem))))
-
-

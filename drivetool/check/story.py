@@ -24,17 +24,18 @@ from drivetool.errors import DriveToolError
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit
-from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.innovations import Fit, fit_innovations, settle
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem
 
 if TYPE_CHECKING:
-    from drivetool.check.diagnose import Search
+    from drivetool.check.rounds import Search
 
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
 SETTLED = 5.0  # log likelihood by which the last fit may still move
+FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
 
@@ -132,8 +133,9 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
     stretches = sum(1 for e in train for a, b in e.segments if b - a >= 10)
     problem = replace(model.problem, traces=model.problem.traces[:stretches])
     point = Point(model.point.values, model.point.starts[:stretches])
-    fit = settle(problem, fit_innovations(problem, point, model.noise, most=3))
-    settled = fit.converged or fit.gain < SETTLED or abs(fit.value - _value(problem, point, model)) < SETTLED
+    fit, settled = _fitted(problem, point, model.noise, FEW)
+    if not settled:
+        fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
     outcome = Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled)
     start = replace(task.drive, values={**task.drive.values, **before.values})
     estimate = compose("diagnose", start, outcome)
@@ -141,9 +143,11 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
                                       "seed": options.seed})
 
 
-def _value(problem: Problem, point: Point, model: Model) -> float:
-    """-log likelihood of the model as the search left it."""
-    return minus_log_likelihood(filtered(problem, point, model.noise, keep=False))
+def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fit, bool]:
+    """(the fit after some rounds from a point, whether it has settled)."""
+    fit = settle(problem, fit_innovations(problem, point, noise, most=most))
+    before = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+    return fit, fit.converged or fit.gain < SETTLED or abs(fit.value - before) < SETTLED
 
 
 def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:

@@ -78,7 +78,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     sections = loaded.sections(drive)
     try:
         free = [name for name, section in sections.items() if section.status != "held"]
-        found = diagnose(training, drive, free, options, holdout)
+        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive))
     except DriveToolError:
         draw_recordings(job, training)
         raise

@@ -113,12 +113,20 @@ class Loaded:
 
     def stds(self, drive: Drive) -> dict[str, float]:
         """Standard deviations that the files state, in the units of `drive`; of the last file that has a value."""
+        return {name: std for name, std in self._told(drive, "std").items() if std > 0.0}
+
+    def starts(self, drive: Drive) -> dict[str, float]:
+        """Values that the fits of the files started from, likewise."""
+        return self._told(drive, "start")
+
+    def _told(self, drive: Drive, what: str) -> dict[str, float]:
         found: dict[str, float] = {}
         for source in self.sources:
             for name, entry in source.file.parameters.items():
                 found.pop(name, None)
-                if isinstance(entry, shapes.ParameterSection) and entry.std:
-                    found[name] = entry.std * _factor(drive, name, entry.unit, source.name)
+                number = getattr(entry, what) if isinstance(entry, shapes.ParameterSection) else None
+                if number is not None:
+                    found[name] = number * _factor(drive, name, entry.unit, source.name)
         return found
 
     def ratings(self, drive: Drive) -> tuple[float, float] | None:

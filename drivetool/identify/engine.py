@@ -53,10 +53,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     linear = task.linear_problem()
 
     def descend(start: Task, way: str, hot: float, lowest: float) -> tuple[float, Fit, Task]:
-        point = Point(values_of(start), first_states(start.drive, task.roles, problem.traces))
-        point, ratio = cooled(problem, linear if way == "linear" else None, point, hot)
-        noise = fit_ratio(problem, point, Noise(ratio, None, problem.scale), quick=True)
-        fit = fit_innovations(problem, point, noise, arrived=True, most=SCREEN)
+        fit = _by_cooling(start, problem, linear if way == "linear" else None, hot, SCREEN)
         if not fit.converged and fit.value < lowest + HOPEFUL:
             fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
         return fit.value, fit, task.at_point(fit.point)
@@ -75,6 +72,14 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
 
 
+def _by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float, most: int) -> Fit:
+    """A first fit, through observers that listen less and less to the torque."""
+    point = Point(values_of(start), first_states(start.drive, start.roles, problem.traces))
+    point, ratio = cooled(problem, linear, point, hot)
+    noise = fit_ratio(problem, point, Noise(ratio, None, problem.scale), quick=True)
+    return fit_innovations(problem, point, noise, arrived=True, most=most)
+
+
 def again(task: Task, noise: Noise) -> Outcome:
     """Innovations fit from the values and the noise of an earlier fit: one start will do."""
     if not is_hard(task):
@@ -90,7 +95,12 @@ def is_hard(task: Task) -> bool:
     """Whether shape parameters are free across a gap: then the likelihood has many peaks."""
     acts = any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
                for n in task.drive.quantities)
-    return acts and any(n.endswith((".inertia", ".stiffness")) for n in task.free)
+    return acts and has_shape(task)
+
+
+def has_shape(task: Task) -> bool:
+    """Whether inertias or stiffnesses of more than one body are free."""
+    return len(task.drive.bodies) > 1 and any(n.endswith((".inertia", ".stiffness")) for n in task.free)
 
 
 def _told(task: Task, entry: dict, fit: Fit, best: Fit) -> dict:
@@ -111,6 +121,10 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
             linear = None if way == "direct" else start.linear_problem()
             fits.append(fit_innovations(problem, point, linear=linear, most=SCREEN if several else 12))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
+        if has_shape(task) and looks_coloured(filtered(problem, fits[-1].point, fits[-1].noise, keep=False)):
+            # What is left repeats: the drive lacks something, or the fit went astray, which slow cooling does not.
+            fits.append(_by_cooling(start, problem, None, 10.0, SCREEN if several else 12))
+            tried.append({"way": "cooled", **{k: float(v) for k, v in values.items()}})
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)

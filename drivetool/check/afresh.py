@@ -1,0 +1,35 @@
+"""A second way into the fit of a cause: from the values that the base itself was once started from.
+
+A drive that lacks a law bends its parameters to make up for it. Where it has bent them far (a stiffness that
+plays the part of dry friction), no law is to be reached from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from drivetool.check.hypothesis import TRIFLE, Tried
+from drivetool.check.model import Masks, Model, from_start
+from drivetool.identify.cooling import BOX, SHAPE
+
+
+def strayed(base: Model, begun: Mapping[str, float]) -> bool:
+    """Whether an inertia, stiffness, damping or gap has left its start by more than a start can be wrong."""
+    values = zip(base.task.free, base.point.values, strict=True)
+    return any(n.endswith(SHAPE) and not begun[n] / BOX < value < begun[n] * BOX
+               for n, value in values if begun.get(n, 0.0) > 0.0)
+
+
+def at_start(base: Model, begun: Mapping[str, float], masks: Masks) -> Model:
+    """The base at the values that its fit began with, with the noise that it has there."""
+    task = base.task.at({n: begun[n] for n in base.task.free if n in begun})
+    return from_start(task, masks, rounds=0)
+
+
+def likelier(found: Tried, further: Tried, base: Model) -> Tried:
+    """Of two attempts at a cause the likelier one, if it gains on the base at all."""
+    least = base.value - TRIFLE if found.model is None else min(found.model.value, base.value - TRIFLE)
+    if further.model is None or not further.model.value < least:
+        return found
+    return replace(further, smallest=found.smallest or further.smallest)
