@@ -214,6 +214,8 @@ def test_separation_from_itself_is_nothing_and_from_a_twin_little():
     assert separation(case, "dead-time", (0.7,)).number < 0.02 * seen
     drag = make_case("quadratic-drag", 2, bodies=1, **SHORT)
     assert separation(drag, "dead-time", (1.0,)).number > 0.5 * visible(drag).number
+    turning = make_case("imbalance", 2, bodies=1, **SHORT)
+    assert separation(turning, "torque-ripple", (1.0,)).number < 0.02 * visible(turning).number
 
 
 # At the process boundary

@@ -65,12 +65,22 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
     records = case.records if records is None else records
     # Without the rival at all it is no worse, and the fits may end in a local optimum.
     found = [visible(case, (), records)]
+    truth, _ = _concealed(case, {h.code: h.size for h in case.hidden})
     for size in sizes:
-        machine, logger = _concealed(case, {rival: size * KINDS[rival].usual})
-        bodies = case.rig.machine.bodies
-        fields = plain_fields(machine, bodies) + law_fields(machine)
-        found.append(_result(_Model(case, machine, logger, fields, records)))
+        drawn, logger = _concealed(case, {rival: size * KINDS[rival].usual})
+        for machine in _in_step(drawn, truth):
+            fields = plain_fields(machine, case.rig.machine.bodies) + law_fields(machine)
+            found.append(_result(_Model(case, machine, logger, fields, records)))
     return min(found, key=lambda v: v.number)
+
+
+def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
+    """The machine, its ripple begun at the order of a true imbalance: no fit finds an order or a sign from afar."""
+    (amplitude, _, phase), (weight, ratio, _) = machine.effects.ripple, truth.effects.imbalance
+    if amplitude == 0.0 or weight == 0.0:
+        return [machine]
+    return [replace(machine, effects=replace(machine.effects, ripple=(amplitude, 1.0 / ratio, phase + k * math.pi)))
+            for k in (0.0, 0.5, 1.0, 1.5)]
 
 
 def _concealed(case: Case, sizes: dict[str, float]):
