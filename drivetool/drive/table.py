@@ -28,9 +28,10 @@ def fields(kind: type) -> tuple[tuple[str, str, int], ...]:
 
 def place_of(array: np.ndarray) -> int:
     """Address of the numbers of a contiguous array, 0 of none; numpy's own way takes three times as long."""
-    if array.size == 0:
-        return 0
-    return addressof(c_char.from_buffer(array)) if array.flags.writeable else array.ctypes.data
+    try:
+        return addressof(c_char.from_buffer(array))
+    except (ValueError, TypeError):  # empty, or not to be written to
+        return array.ctypes.data if array.size else 0
 
 
 def packed(values: tuple) -> np.ndarray:

@@ -31,7 +31,8 @@ QUIET = 4  # stages without shaft damping: it would damp away a resonance that l
 DECIDED = 8  # stages after which the side of a gap on which a trace begins is settled
 PATIENCE = 5  # stages that may be worse than the best
 COLDEST = 1e-5  # of the noise that a sample shows; as good as none
-HEAD = 1000  # samples that show on which side of a gap a trace begins, and in which gains settle
+HEAD = 1000  # samples in which gains settle
+FIRST = 250  # samples that show on which side of a gap a trace begins: a hot observer soon forgets where it began
 SURE = 2.0  # log likelihood by which another side must be better
 
 
@@ -82,7 +83,7 @@ def _steady(linear: Problem, point: Point, noise: Noise) -> list[Gains]:
             longest[t.step] = i
     found = {}
     for step, i in longest.items():
-        one = replace(linear, traces=(_head(linear.traces[i]),))
+        one = replace(linear, traces=(_head(linear.traces[i], HEAD),))
         found[step] = filtered(one, Point(point.values, (point.starts[i],)), noise)[0].gains
     gains = []
     for t in linear.traces:
@@ -125,8 +126,8 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
     """
     starts, turned = list(point.starts), False
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, False), strict=True)):
-        system, head = plant.system, _head(trace)
-        first = Gains(gains[i].gain[:HEAD], gains[i].weight[:HEAD])
+        system, head = plant.system, _head(trace, FIRST)
+        first = Gains(gains[i].gain[:FIRST], gains[i].weight[:FIRST])
 
         def value(start: np.ndarray, plant=plant, head=head, first=first) -> float:
             error = ((plant.outputs(head, start, first) - head.outputs) * first.weight).ravel()
@@ -136,15 +137,20 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
 
         lowest = value(starts[i]) if system.ng else 0.0
         for spring, reach in zip(system.spring[:, :, 0], system.reach[:, 0], strict=True):
-            twist = np.flatnonzero(spring)[-1]
-            for torque in (0.0, 1.01 * reach, -1.01 * reach):
+            twist, side = np.flatnonzero(spring)[-1], _side(spring @ starts[i], reach)
+            for other in [each for each in (0, 1, -1) if each != side]:
                 trial = starts[i].copy()
-                trial[twist] += (torque - spring @ trial) / spring[twist]
+                trial[twist] += (1.01 * other * reach - spring @ trial) / spring[twist]
                 found = value(trial)
                 if found < lowest - SURE:
                     lowest, starts[i], turned = found, trial, True
     return Point(point.values, tuple(starts)) if turned else point
 
 
-def _head(trace: Trace) -> Trace:
-    return replace(trace, inputs=trace.inputs[:HEAD], outputs=trace.outputs[:HEAD])
+def _side(torque: float, reach: float) -> int:
+    """Side of a gap on which a contact torque lies, 0 inside."""
+    return int(torque > reach) - int(torque < -reach)
+
+
+def _head(trace: Trace, samples: int) -> Trace:
+    return replace(trace, inputs=trace.inputs[:samples], outputs=trace.outputs[:samples])
