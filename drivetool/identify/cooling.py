@@ -32,7 +32,7 @@ DECIDED = 8  # stages after which the side of a gap on which a trace begins is s
 PATIENCE = 5  # stages that may be worse than the best
 COLDEST = 1e-5  # of the noise that a sample shows; as good as none
 HEAD = 1000  # samples in which gains settle
-FIRST = 250  # samples that show on which side of a gap a trace begins: a hot observer soon forgets where it began
+FIRST = 250  # samples that show on which side of a gap a trace begins while the observer is hot: it soon forgets
 SURE = 2.0  # log likelihood by which another side must be better
 
 
@@ -50,7 +50,7 @@ def cooled(problem: Problem, linear: Problem | None, point: Point, hot: float,
     while ratio > COLDEST * natural and worse < PATIENCE and flat < 2:
         noise = Noise(ratio, None, problem.scale, ratio)
         gains = observers(problem, linear, point, noise)
-        turned = sides(problem, point, gains) if stage < DECIDED else point
+        turned = sides(problem, point, gains, FIRST) if stage < DECIDED else point
         if turned is not point:
             point, gains = turned, observers(problem, linear, turned, noise)
         point, cost = approach(boxed, point, gains, steps, hold=problem.later if stage < QUIET else None)
@@ -119,15 +119,16 @@ def within(problem: Problem, point: Point, share: float) -> Problem:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
+def sides(problem: Problem, point: Point, gains: Sequence[Gains], samples: int = HEAD) -> Point:
     """The point, with traces begun on the other side of a gap or inside it where that fits better.
 
     No derivative leads from one side to the other.
+    samples  of each trace that are looked at
     """
     starts, turned = list(point.starts), False
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, False), strict=True)):
-        system, head = plant.system, _head(trace, FIRST)
-        first = Gains(gains[i].gain[:FIRST], gains[i].weight[:FIRST])
+        system, head = plant.system, _head(trace, samples)
+        first = Gains(gains[i].gain[:samples], gains[i].weight[:samples])
 
         def value(start: np.ndarray, plant=plant, head=head, first=first) -> float:
             error = ((plant.outputs(head, start, first) - head.outputs) * first.weight).ravel()
@@ -137,19 +138,14 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains]) -> Point:
 
         lowest = value(starts[i]) if system.ng else 0.0
         for spring, reach in zip(system.spring[:, :, 0], system.reach[:, 0], strict=True):
-            twist, side = np.flatnonzero(spring)[-1], _side(spring @ starts[i], reach)
-            for other in [each for each in (0, 1, -1) if each != side]:
+            twist = np.flatnonzero(spring)[-1]
+            for torque in (0.0, 1.01 * reach, -1.01 * reach):
                 trial = starts[i].copy()
-                trial[twist] += (1.01 * other * reach - spring @ trial) / spring[twist]
+                trial[twist] += (torque - spring @ trial) / spring[twist]
                 found = value(trial)
                 if found < lowest - SURE:
                     lowest, starts[i], turned = found, trial, True
     return Point(point.values, tuple(starts)) if turned else point
-
-
-def _side(torque: float, reach: float) -> int:
-    """Side of a gap on which a contact torque lies, 0 inside."""
-    return int(torque > reach) - int(torque < -reach)
 
 
 def _head(trace: Trace, samples: int) -> Trace:
