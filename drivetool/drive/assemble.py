@@ -134,7 +134,8 @@ class Assembly:
         return self.parameter(f"sensor.{suffix}")
 
     def _acts(self, name: str) -> bool:
-        return name in self.layout.free or self.drive.value(name) != self.drive.quantity(name).neutral
+        value = self.drive.values.get(name)
+        return name in self.layout.free or (value is not None and value != self.drive.quantity(name).neutral)
 
     def acts(self, body: int, suffix: str) -> bool:
         """Whether a body's effect is present: not neutral, or free."""
