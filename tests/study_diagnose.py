@@ -336,7 +336,8 @@ def summary(found: Sequence[Mapping]) -> str:
     if parts["removed"]:
         wrong = sum(row["grade"] == "wrong" for row in parts["removed"])
         text.append(f"true cause not in the catalogue: named {wrong} of {len(parts['removed'])}")
-    hits = [held for row in found for held in row["intervals"].values() if row["grade"] == "right"]
+    hits = [held for row in found if row["grade"] == "right" and row["part"] != "removed"  # else the law is another
+            for held in row["intervals"].values()]
     if hits:
         text.append(f"95 % intervals of the found effects hold: {sum(hits)} of {len(hits)}")
     fresh = [row["fresh"]["extended"] / row["gain"]["held_out_rmse_after"] for row in found
