@@ -70,20 +70,44 @@ def test_simulation_criterion_says_what_its_intervals_assume():
         assert estimate.drive.values[name] == pytest.approx(truth(MACHINE)[name], rel=0.05)
 
 
-def test_coloured_torque_noise_is_noticed_and_modelled():
-    rated, memory = MACHINE.rated_torque, np.exp(-STEP / 0.03)
+def disturbed_record(noise, sensor=0.002):
+    """Torque steps and a multisine, with a torque noise that is told in shares of the rated torque.
+
+    sensor  noise over the speed that the rated torque gives in a quarter of a second
+    """
+    rated = MACHINE.rated_torque
     begin = running(MACHINE, 20.0)
     torque = steps(begin.torque, [0.1 * rated] * 8, (0.6, 1.0), 0.5, STEP, 3)[:6000]
     torque = torque + multisine(np.linspace(0.3, 2.0, 9) * 18.0, 0.01 * rated, 6.0, STEP, 4)[: len(torque)]
-    white = white_noise(len(torque), 0.03 * rated * np.sqrt(1.0 - memory**2), 5)
-    noise = lfilter([1.0], [1.0, -memory], white)
-    speed = simulate_linear(MACHINE, torque, STEP, begin, noise).speeds[:, 0]
-    speed = speed + white_noise(len(torque), 0.002 * rated * 0.25 / sum(MACHINE.inertia), 6)
-    estimate = greybox([experiment(torque, speed)], start(0.05), Options())
+    speed = simulate_linear(MACHINE, torque, STEP, begin, noise[:len(torque)] * rated).speeds[:, 0]
+    speed = speed + white_noise(len(torque), sensor * rated * 0.25 / sum(MACHINE.inertia), 6)
+    return experiment(torque, speed)
+
+
+def test_coloured_torque_noise_is_noticed_and_modelled():
+    memory = np.exp(-STEP / 0.03)
+    noise = lfilter([1.0], [1.0, -memory], white_noise(6000, 0.03 * np.sqrt(1.0 - memory**2), 5))
+    estimate = greybox([disturbed_record(noise)], start(0.05), Options())
     assert estimate.noise["torque_correlation_time"] == pytest.approx(0.03, rel=0.4)
-    assert estimate.noise["torque_std"] == pytest.approx(0.03 * rated, rel=0.4)
+    assert estimate.noise["torque_std"] == pytest.approx(0.03 * MACHINE.rated_torque, rel=0.4)
     square, limit = joint_error(estimate, truth(MACHINE))
     assert square < limit
+
+
+def test_torque_noise_that_is_weak_where_it_is_slow_is_noticed_and_modelled():
+    """As what an inexact mode leaves over is. Taken for white, slow friction would seem to be told far worse."""
+    memory, slow = np.exp(-STEP / 0.005), 0.1
+    white = white_noise(6000, 0.03, 5)
+    noise = white + lfilter([0.0, (slow - 1.0) * (1.0 - memory)], [1.0, -memory], white)
+    estimate = greybox([disturbed_record(noise, 0.0002)], start(0.05), Options())
+    assert estimate.noise["torque_slow_share"] == pytest.approx(slow, rel=0.4)
+    assert estimate.noise["torque_correlation_time"] == pytest.approx(0.005, rel=0.4)
+    assert estimate.noise["torque_std"] == pytest.approx(0.03 * MACHINE.rated_torque, rel=0.2)
+    square, limit = joint_error(estimate, truth(MACHINE))
+    assert square < limit
+    idle = next(p for p in estimate.parameters if p.name == "total.idle_torque")
+    # The mean of the noise, and the slope that viscous friction takes of it, whose size the record tells.
+    assert idle.std < 0.3 * 0.03 * MACHINE.rated_torque / np.sqrt(6000 / 16)
 
 
 def test_normal_equations_of_forgetful_coloured_noise_are_those_of_white():

@@ -14,6 +14,7 @@ from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
 from drivetool.errors import Finding
 from drivetool.identify.compose import fit_percent
+from drivetool.identify.noise import Noise
 from drivetool.logs.experiment import Experiment
 
 DRAWS = 20  # runs with other torque noise
@@ -64,7 +65,7 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
     rng, fits = np.random.default_rng(seed), []
     clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
     for _ in range(DRAWS):
-        traces = tuple(_disturbed(t, torque, run.noise.memory, rng) for t in run.problem.traces)
+        traces = tuple(_disturbed(t, torque, run.noise, rng) for t in run.problem.traces)
         other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
         fits.append(fit_percent(other + rng.normal(0.0, run.sigma, len(other)), clean))
     low, middle, fit = float(np.min(fits)), float(np.median(fits)), check.simulation_fit_percent
@@ -94,14 +95,17 @@ def _chance(run: Replay, inertia: float, n: int, time: float) -> float:
     mean slope; the sensor adds the usual 12 / (n time^2).
     """
     memory = run.noise.memory or 0.0
-    wander = run.noise.ratio * run.sigma * np.sqrt(1.2 / n * (1.0 + memory) / (1.0 - memory))
+    slow = np.sqrt((1.0 + memory) / (1.0 - memory)) if run.noise.slow is None else run.noise.slow
+    wander = run.noise.ratio * run.sigma * np.sqrt(1.2 / n) * slow
     return float(np.hypot(wander, run.sigma * inertia * np.sqrt(12.0 / n) / time))
 
 
-def _disturbed(trace: Trace, torque: float, memory: float | None, rng: np.random.Generator) -> Trace:
+def _disturbed(trace: Trace, torque: float, noise: Noise, rng: np.random.Generator) -> Trace:
     """The trace with torque noise on its first input."""
-    w = rng.normal(0.0, torque, trace.size)
-    if memory is not None:
+    w, memory = rng.normal(0.0, torque, trace.size), noise.memory
+    if noise.slow is not None:
+        w = w + lfilter([0.0, (noise.slow - 1.0) * (1.0 - memory)], [1.0, -memory], w)
+    elif memory is not None:
         w = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], w)
     inputs = trace.inputs.copy()
     inputs[:, 0] += w

@@ -13,7 +13,7 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread
 from drivetool.check.samples import Samples
 from drivetool.identify.engine import looks_coloured
-from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.noise import filtered, remembering
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
@@ -77,11 +77,8 @@ def coloured(model: Model, masks: Masks) -> Model:
     passes = filtered(model.problem, model.point, model.noise, keep=False)
     if model.noise.memory is not None or not looks_coloured(passes):
         return model
-    step, trials = model.problem.traces[0].step, []
-    for time in (20.0 * step, 500.0 * step):
-        guess = Noise(model.noise.ratio, float(np.exp(-step / time)), model.noise.scale)
-        trials.append(fit_ratio(model.problem, model.point, guess))
-    noise = min(trials, key=lambda n: judge(model.problem, model.point, n, masks))
+    noise = remembering(model.problem, model.point, model.noise,
+                        lambda n: judge(model.problem, model.point, n, masks))
     if judge(model.problem, model.point, noise, masks) > model.value - COLOUR:
         return model
     trial = fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=2, renew=False)

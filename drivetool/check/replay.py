@@ -60,7 +60,7 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     experiment  motor torque and any sensors; start states are fitted to the first one only,
                 the motor's speed or else angle, so that the others stay unseen
     drive       all inertias and stiffnesses must have a value
-    noise       of the parameter file: sensor_std.<role>, torque_std, torque_correlation_time;
+    noise       of the parameter file: sensor_std.<role>, torque_std, torque_correlation_time, torque_slow_share;
                 where they are missing the ratio is estimated on the record
     segment     length of the free runs [s]; 0: whole stretches
     raises      BadParameters: a value is missing; BadOption: segments too short;
@@ -179,7 +179,8 @@ def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noi
     time, h = noise.get("torque_correlation_time", 0.0), problem.traces[0].step
     stds = [noise.get(f"sensor_std.{role}", 0.0) for role in roles.outputs]
     scale = [std / sensor if std > 0.0 else guess for std, guess in zip(stds, problem.scale, strict=True)]
-    return Noise(torque / sensor, float(np.exp(-h / time)) if time > 0.0 else None, np.array(scale))
+    return Noise(torque / sensor, float(np.exp(-h / time)) if time > 0.0 else None, np.array(scale),
+                 slow=noise.get("torque_slow_share") if time > 0.0 else None)
 
 
 def _with_angle(drive: Drive, every: Roles, first: Roles, traces: Sequence[Trace],

@@ -111,7 +111,7 @@ def filter_through(s, c, laws, f, q, clock):
     clock  time of the first sample [s]
     """
     nx = s.plain
-    u, late, y, r, extra, p, x, mode = f.u, f.late, f.y, f.r, f.extra, f.p, f.x, f.mode
+    u, late, y, r, extra, kick, p, x, mode = f.u, f.late, f.y, f.r, f.extra, f.kick, f.p, f.x, f.mode
     gain, var, innov, states = f.gain, f.var, f.innov, f.states
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
     spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
@@ -144,6 +144,8 @@ def filter_through(s, c, laws, f, q, clock):
                 rough_step(c.rough, s, c, x, held, i, moved, mode, part)
                 number = lookup(s, c, mode, part)
             add_noise(leap, number, noise, b)
+        for j in range(nx):
+            noise[j] += kick[j]
         forget(memory, fades, x, moved)
         advance_covariance(p, moved, noise, q, extra, t)
 

@@ -173,13 +173,14 @@ class Plant:
 
     def filter(self, trace: Trace, start: np.ndarray, sensor: np.ndarray, torque: float,
                extra: np.ndarray, covariance: np.ndarray | None = None,
-               keep: bool = True) -> Filtered:
+               keep: bool = True, kick: np.ndarray | None = None) -> Filtered:
         """Extended Kalman pass from the start state.
 
         sensor      (ny,) sensor variances; torque: torque noise variance per sample
         extra       (nx,) variance added to each state per sample
         covariance  (nx, nx) of the start state; None: known exactly
         keep        whether gains and states are wanted
+        kick        (nx,) what a torque noise of one leaves in each state after its sample; None: nothing
         """
         s, n = self.system, trace.size
         u, late = self.held(trace.inputs)
@@ -188,8 +189,8 @@ class Plant:
         states = np.empty((n if keep else 0, s.nx))
         var, innov = np.empty((n, s.ny)), np.empty((n, s.ny))
         self._call("kalman", Filtering(
-            u, late, trace.outputs, sensor, extra, p, self._start(start), np.ones(s.ng + s.nf, np.int64), gain,
-            var, innov, states), torque, trace.origin)
+            u, late, trace.outputs, sensor, extra, np.zeros(self.nx) if kick is None else kick, p,
+            self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states), torque, trace.origin)
         return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 
 

@@ -206,6 +206,7 @@ class Filtering(NamedTuple):
     u, late, y  as in a Pass
     r        (ny,)        sensor variances relative to that of the first output
     extra    (nx,)        variance added to each state per sample
+    kick     (nx,)        what a torque noise of one leaves in each state after its sample
     p        (plain, plain) covariance of the start state, changed
     x, mode  (nx,), (elements,) changed
     gain     (n, ny, nx)  or (0, ny, nx), left as it is for what lies behind the plain states
@@ -218,6 +219,7 @@ class Filtering(NamedTuple):
     y: Float2
     r: Float1
     extra: Float1
+    kick: Float1
     p: Float2
     x: Float1
     mode: Int1

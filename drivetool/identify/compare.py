@@ -160,7 +160,7 @@ def _physical(structure: str, name: str, e: Experiment, drive: Drive) -> Model:
     outcome = by_simulation(task, 0.0, [{}]) if structure == "physical" else by_innovations(task, [{}])
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, start, outcome.drive)
     figures = {name: (w, None, "rad/s") for name, w in ringing(outcome.drive).items()}
-    counted = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
+    counted = 0 if outcome.fit is None else outcome.fit.noise.parameters
     return Model(structure, name, None, outcome.drive, lines, figures, False, counted)
 
 

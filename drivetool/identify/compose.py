@@ -196,6 +196,8 @@ def noise_figures(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     noise["torque_std"] = model.ratio * sigma
     if model.memory is not None:
         noise["torque_correlation_time"] = -problem.traces[0].step / float(np.log(model.memory))
+    if model.slow is not None:
+        noise["torque_slow_share"] = model.slow
     if any(e.torque_is == "measurement" for e in task.experiments):
         findings.append(Finding(
             "warning", "torque-is-measured",

@@ -12,7 +12,7 @@ from drivetool.errors import BadOption
 from drivetool.identify.cooling import cooled, observers, sides
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.least_squares import Solution, approach, solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio, remembering
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.search import Descent, apart, searched, values_of
@@ -87,7 +87,7 @@ def again(task: Task, noise: Noise) -> Outcome:
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     point = sides(problem, point, observers(problem, task.linear_problem(), point, noise))
-    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None), arrived=True))
+    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None, slow=None), arrived=True))
     return Outcome(task, problem, fit.solution, fit, (_told(task, {"way": "again"}, fit, fit),), fit.converged)
 
 
@@ -160,12 +160,8 @@ def coloured(outcome: Outcome) -> Outcome:
     problem, fit = outcome.problem, outcome.fit
     if fit is None or not looks_coloured(fit.passes):
         return outcome
-    h = problem.traces[0].step
-    trials = []
-    for time in (20.0 * h, 500.0 * h):
-        noise = Noise(fit.noise.ratio, float(np.exp(-h / time)), fit.noise.scale)
-        trials.append(fit_ratio(problem, fit.point, noise))
-    noise = min(trials, key=lambda n: minus_log_likelihood(filtered(problem, fit.point, n, keep=False)))
+    noise = remembering(problem, fit.point, fit.noise,
+                        lambda n: minus_log_likelihood(filtered(problem, fit.point, n, keep=False)))
     trial = fit_innovations(problem, fit.point, noise)
     if trial.value > fit.value - COLOUR_GAIN:
         return outcome

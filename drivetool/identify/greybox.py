@@ -64,7 +64,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     outcome = coloured(split_totals(outcome, asked))
     figures, findings = both_criteria(outcome, options)
     findings = [*left, *findings]
-    figures["noise_parameters"] = 0 if outcome.fit is None else 1 + (outcome.fit.noise.memory is not None)
+    figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     return compose("greybox", drive, outcome, findings, {}, figures, options.known)
 
 

@@ -23,12 +23,21 @@ class Noise:
     scale   (ny,) std of the sensors relative to the first
     others  std of a torque noise on each further body, over that of the first sensor: no belief,
             but what keeps the filter listening on the way from a rough start
+    slow    with a memory: white noise w from sample to sample, of which what is slower than the memory has this
+            share; d[k] = w[k] + z[k], z[k+1] = memory z[k] + (slow - 1) (1 - memory) w[k]. Below one it is what
+            inexact flexible modes leave over, above one what wanders. None: d[k+1] = memory d[k] + w[k]
     """
 
     ratio: float
     memory: float | None
     scale: np.ndarray
     others: float = 0.0
+    slow: float | None = None
+
+    @property
+    def parameters(self) -> int:
+        """How many there are without the sensors'."""
+        return 1 + (self.memory is not None) + (self.slow is not None)
 
 
 def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) -> list[Filtered]:
@@ -38,15 +47,18 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
         nx = plant.nx
-        extra, covariance, white = np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
+        extra, kick, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
         further = slice(1, problem.bodies)
         extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2
         if noise.memory is not None:
-            extra[-1] = white * (1.0 - noise.memory**2)
-            covariance[-1, -1] = white
-            white = 0.0
             start = np.append(start, 0.0) if len(start) < nx else start
-        passes.append(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep))
+            if noise.slow is None:
+                extra[-1] = white * (1.0 - noise.memory**2)
+                covariance[-1, -1], white = white, 0.0
+            else:
+                kick[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
+                covariance[-1, -1] = white * kick[-1] ** 2 / (1.0 - noise.memory**2)
+        passes.append(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep, kick))
     return passes
 
 
@@ -143,7 +155,7 @@ def excerpt(problem: Problem, most: int = ENOUGH) -> Problem:
 
 def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None = None,
               settled: bool = False, quick: bool = False) -> Noise:
-    """Maximum likelihood of the noise ratio (and memory) at fixed parameters.
+    """Maximum likelihood of the noise ratio (memory, share of what is slow) at fixed parameters.
 
     around   a ratio to search near; None: over eight decades
     settled  whether the point is near its optimum: then by restricted likelihood
@@ -152,11 +164,15 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
 
+    def at(logs: np.ndarray) -> Noise:
+        return replace(noise, ratio=float(np.exp(logs[0])),
+                       memory=None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1]))),
+                       slow=None if noise.slow is None else float(np.exp(logs[2])))
+
     def value(logs: np.ndarray) -> float:
-        if abs(logs[0] - middle) > 18.0 or (len(logs) > 1 and abs(logs[1]) > 16.0):
+        if abs(logs[0] - middle) > 18.0 or np.any(np.abs(logs[1:]) > 16.0):
             return FAR
-        memory = None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1])))
-        trial = replace(noise, ratio=float(np.exp(logs[0])), memory=memory)
+        trial = at(logs)
         with np.errstate(over="ignore", invalid="ignore"):
             found = (restricted(problem, point, trial) if settled
                      else minus_log_likelihood(filtered(problem, point, trial, keep=False)))
@@ -166,12 +182,13 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         from scipy.optimize import minimize
 
         reach = 0.7 if around is None else 0.2
-        start = np.array([np.log(noise.ratio), np.log(noise.memory / (1.0 - noise.memory))])
-        found = minimize(value, start, method="Nelder-Mead",
-                         options={"xatol": 0.02, "fatol": 0.02, "maxiter": 60 if around is None else 25,
-                                  "initial_simplex": start + reach * np.array([[0, 0], [1, 0], [0, 1]])})
-        return replace(noise, ratio=float(np.exp(found.x[0])),
-                       memory=float(1.0 / (1.0 + np.exp(-found.x[1]))))
+        start = np.array([np.log(noise.ratio), np.log(noise.memory / (1.0 - noise.memory)),
+                          *([] if noise.slow is None else [np.log(noise.slow)])])
+        corners = np.vstack([np.zeros(len(start)), np.eye(len(start))])
+        most = 30 * len(start) if around is None else 25
+        found = minimize(value, start, method="Nelder-Mead", options={
+            "xatol": 0.02, "fatol": 0.02, "maxiter": most, "initial_simplex": start + reach * corners})
+        return at(found.x)
     if around is None:
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
     else:
@@ -179,6 +196,16 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
     best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
                         0.05 if quick else 2e-3)
     return replace(noise, ratio=float(np.exp(best)))
+
+
+def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[Noise], float]) -> Noise:
+    """The likeliest noise with a memory: of torque that wanders, fast or slowly, or is weak where it is slow.
+
+    value  -log likelihood of a noise at the point
+    """
+    begun = [Noise(noise.ratio, float(np.exp(-1.0 / samples)), noise.scale, slow=slow)
+             for samples, slow in ((20.0, None), (500.0, None), (4.0, 0.3))]
+    return min((fit_ratio(problem, point, n) for n in begun), key=lambda n: value(n) + n.parameters)
 
 
 def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
