@@ -24,8 +24,8 @@ class Noise:
     others  std of a torque noise on each further body, over that of the first sensor: no belief,
             but what keeps the filter listening on the way from a rough start
     slow    with a memory: white noise w from sample to sample, of which what is slower than the memory has this
-            share; d[k] = w[k] + z[k], z[k+1] = memory z[k] + (slow - 1) (1 - memory) w[k]. Below one it is what
-            inexact flexible modes leave over, above one what wanders. None: d[k+1] = memory d[k] + w[k]
+            share, below one, as what inexact flexible modes leave over has: d[k] = w[k] + z[k],
+            z[k+1] = memory z[k] - (1 - slow) (1 - memory) w[k]. None: d[k+1] = memory d[k] + w[k]
     """
 
     ratio: float
@@ -170,7 +170,8 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
                        slow=None if noise.slow is None else float(np.exp(logs[2])))
 
     def value(logs: np.ndarray) -> float:
-        if abs(logs[0] - middle) > 18.0 or np.any(np.abs(logs[1:]) > 16.0):
+        # A slow share above one, white noise beside noise that wanders, would take friction for noise.
+        if abs(logs[0] - middle) > 18.0 or np.any(np.abs(logs[1:]) > 16.0) or np.any(logs[2:] > 0.0):
             return FAR
         trial = at(logs)
         with np.errstate(over="ignore", invalid="ignore"):
