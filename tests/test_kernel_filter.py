@@ -1,12 +1,15 @@
 """Normal equations, missing outputs, and the Kalman pass against a textbook filter in NumPy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, toeplitz
 
 from drivetool.drive.simulate import CHUNK, Gains, Trace
 from tests.simulator.linear import equations
-from tests.simulator.machine import Machine, machine_by_seed
+from tests.simulator.machine import Machine, at_rest, machine_by_seed
+from tests.simulator.simulate import simulate_linear
 from tests.test_kernel import STEP, changed, drive_of, levels, plant_of, start_of
 
 OUTPUTS = ("motor_speed", "shaft_torque")
@@ -124,6 +127,28 @@ def test_frozen_gains_replay_the_filter(machine):
     np.testing.assert_allclose((trace.outputs - again)[known], found.innovations[known], atol=1e-10)
     short = plant.filter(trace, np.zeros(3), np.array([1.0, 30.0]), 4.0, np.full(3, 1e-6), keep=False)
     np.testing.assert_array_equal(short.variance, found.variance)
+
+
+@pytest.mark.parametrize("slow", [0.1, 1.0])
+def test_torque_noise_that_is_weak_where_it_is_slow_is_the_joint_normal_distribution(slow):
+    """Likelihood of a short record by its whole covariance, from impulse responses of the other simulator."""
+    machine, n, memory, white, sensor = replace(RIG, coulomb=(0.0, 0.0), half_gap=(0.0,)), 60, 0.8, 9.0, 1e-4
+    torque, begin = levels(machine, n, 5), at_rest(machine)
+    calm, moved = (simulate_linear(machine, torque, STEP, begin, size * np.eye(n)[0]).speeds[:n, 0]
+                   for size in (0.0, 1.0))
+    answer = toeplitz(moved - calm, np.zeros(n))
+    kick = (slow - 1.0) * (1.0 - memory)
+    shape = toeplitz(np.append(1.0, kick * memory ** np.arange(n - 1)), np.eye(n)[0])
+    before = np.outer(*[memory ** np.arange(n)] * 2) * kick**2 / (1.0 - memory**2)
+    whole = white * answer @ (shape @ shape.T + before) @ answer.T + sensor * np.eye(n)
+    error = np.random.default_rng(3).normal(0.0, 0.02, n)
+    plant = plant_of(drive_of(machine), ("motor_speed",), memory=memory)
+    start, last = np.append(start_of(machine, plant)[:3], 0.0), np.eye(4)[3]
+    passed = plant.filter(Trace(torque[:, None], (calm + error)[:, None], STEP), start, np.array([sensor]), white,
+                          np.zeros(4), np.diag(last * white * kick**2 / (1.0 - memory**2)), kick=last * kick)
+    found = np.sum(passed.innovations**2 / passed.variance + np.log(passed.variance))
+    wanted = error @ np.linalg.solve(whole, error) + np.linalg.slogdet(whole)[1]
+    assert found == pytest.approx(wanted, rel=1e-7)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.4, 0.9])
