@@ -33,7 +33,7 @@ from scipy.stats import beta
 
 from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
 from tests.hidden.command import GRADES, Answer, Running, ask, grade, run
-from tests.hidden.visibility import separation
+from tests.hidden.visibility import separation, visible
 
 ROOT = Path(__file__).parent.parent
 # Seeds that no other test uses.
@@ -44,7 +44,8 @@ VISIBLE = 10.0
 PAIRS = (("backlash", "coulomb-load"), ("third-mass", "torque-ripple"))
 SENSORS = (("motor_speed",), ("motor_speed",), ("motor_angle",), ("motor_speed", "load_speed"),
            ("motor_speed", "shaft_torque"), ("motor_angle", "load_angle"))
-SMALLER = (0.03, 0.1, 0.3)
+# Visibilities at which the limit of detection is looked for; 6 is where effects should begin to be found.
+AIMS = (3.5, 5.0, 7.0, 10.0)
 # Rivals that `separation` can fit: what the machine does, not what its logger does.
 LAWS = set(CODES.values()) - {"quantisation", "torque-offset", "outliers", "wrong-sign", "wrong-scale"}
 COLUMNS = ("right", "open", *GRADES[1:])
@@ -52,13 +53,20 @@ COLUMNS = ("right", "open", *GRADES[1:])
 
 @dataclass(frozen=True)
 class Plan:
-    """One case to run: key of its line, arguments of `make_case`, causes left out of the catalogue."""
+    """One case to run.
+
+    key      of its line
+    options  arguments of `make_case`
+    removed  causes left out of the catalogue
+    aim      visibility that its one effect is given; 0: its size is that of the options, or the usual one
+    """
 
     part: str
     key: str
     effects: tuple[str, ...]
     options: Mapping[str, object]
     removed: tuple[str, ...] = ()
+    aim: float = 0.0
 
 
 def varied(seed: int) -> dict[str, object]:
@@ -88,9 +96,8 @@ def plans(cases: int, nulls: int) -> list[Plan]:
                     options["linear"] = False
                 found.append(Plan("effect", f"effect/{code}/{i}", (code,), options))
                 found.append(Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)))
-                for size in () if code.startswith("wrong-sign") else SMALLER:
-                    found.append(Plan("limit", f"limit/{code}/{size:g}/{i}", (code,),
-                                      options | {"size": size * kind.usual}))
+                found += [Plan("limit", f"limit/{code}/{aim:g}/{i}", (code,), options, (), aim)
+                          for aim in (() if code.startswith("wrong-sign") else AIMS)]
             for pair in PAIRS:
                 options = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i}
                 found.append(Plan("pair", f"pair/{'+'.join(pair)}/{i}", pair, options))
@@ -98,6 +105,22 @@ def plans(cases: int, nulls: int) -> list[Plan]:
         found += [Plan("none", f"none/{j}", (), varied(FIRST_NULL + j))
                   for j in range(i * per_round, min((i + 1) * per_round, nulls))]
     return found
+
+
+def sized(plan: Plan) -> Mapping[str, object]:
+    """The options of a plan, with the size that makes its effect as visible as it aims for.
+
+    Visibility is nearly in proportion to the size, so two corrections are enough.
+    """
+    code, options = plan.effects[0], dict(plan.options)
+    size = KINDS[code].usual
+    for _ in range(3):
+        options["size"] = float(f"{size:.6g}")
+        number = visible(make_case(plan.effects, **options)).number
+        if abs(number - plan.aim) < 0.1 * plan.aim:
+            break
+        size *= plan.aim / max(number, 0.01 * plan.aim)
+    return options
 
 
 def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedProcess:
@@ -124,7 +147,7 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
     begun, running = time.monotonic(), run
     if plan.part == "none" and asking is ask:
         running, asking = run_inside, partial(ask, running=run_inside)
-    case = make_case(plan.effects, **plan.options)
+    case = make_case(plan.effects, **(sized(plan) if plan.aim else plan.options))
     with tempfile.TemporaryDirectory() as room:
         logs, held = case.write_records(Path(room))
         start = write_start(case, Path(room))
@@ -146,8 +169,11 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
         "grade": given, "apart": apart, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
+        "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
+                  for c in answer.candidates if c.get("gain") is not None],
+        # Of the first round: there the base has none of it yet.
         "smallest": {c["code"]: {n: v["value"] for n, v in (c.get("smallest") or {}).items()}
-                     for c in sorted(answer.candidates, key=lambda c: c["round"])},
+                     for c in sorted(answer.candidates, key=lambda c: -c["round"])},
         "values": {n: v for e in label["effects"] for n, v in told(e["truth"], label["plain"], {}).items()},
         "intervals": intervals(label, answer), "talk": answer.talk[-300:] if answer.verdict == "failed" else "",
         "asked": label["asked"], "seconds": round(time.monotonic() - begun, 1)}

@@ -299,6 +299,13 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert "quadratic-drag" in text
 
 
+def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():
+    plan = study_diagnose.Plan("limit", "limit/quadratic-drag/7/0", ("quadratic-drag",),
+                               {**SHORT, "bodies": 1, "machine_seed": 2}, (), 7.0)
+    case = make_case(plan.effects, **study_diagnose.sized(plan))
+    assert visible(case).number == pytest.approx(7.0, rel=0.1)
+
+
 def test_study_plans_cover_everything_with_keys_of_their_own():
     plans = study_diagnose.plans(2, 1000)
     keys = [plan.key for plan in plans]
