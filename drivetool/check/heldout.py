@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import gammaincc, gammaln
 
 from drivetool.check.folds import blocks_of
-from drivetool.check.model import Masks, Model, fit, judge, losses, spread
+from drivetool.check.model import Masks, Model, fit, judge, losses, spread, whitened
 from drivetool.check.samples import Samples
 from drivetool.identify.engine import looks_coloured
 from drivetool.identify.noise import filtered, remembering
@@ -22,6 +22,7 @@ SEARCHED = (*ONE_OFF, ".ripple_order")
 LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
+ALONE = 0.75  # of what a cause gains, that may lie in one block
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
 
 
@@ -190,6 +191,12 @@ def surprise(one: Score, gained: float = 0.0) -> float:
     return float(-log_tail(2.0 * max(one.lead, 0.0), max(one.further, 1)) - np.log(LOOKED))
 
 
+def in_one_place(one: Score, base: Model) -> bool:
+    """Whether one block has nearly all that a cause gains, though it is no event that happens once."""
+    new = [n for n in one.model.task.free if n not in base.task.free]
+    return not any(n.endswith(ONE_OFF) for n in new) and float(one.gains.max()) > ALONE * one.gain
+
+
 def log_tail(x: float, degrees: int) -> float:
     """Log of the share of a chi-square above x; far out, where the share is no number any more, by its series."""
     half, there = 0.5 * degrees, float(gammaincc(0.5 * degrees, 0.5 * x))
@@ -205,6 +212,9 @@ def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:
 
 
 def both(base: Model, masks: Masks) -> list[Model]:
-    """The base under white and, where it helps, under coloured torque noise."""
+    """The base as it is, and under white or coloured torque noise where that is possible for it too."""
+    if base.noise.memory is not None:
+        white = whitened(base, masks)
+        return [base, white] if white.value < base.value + COLOUR else [base]
     other = coloured(base, masks)
     return [base] if other is base else [base, other]

@@ -24,6 +24,7 @@ Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
 TURNS = 6  # of torque noise and sensor noises, at most
 WIDE = np.log(3.0) * np.arange(-3, 4)  # of a sensor's noise about the guess
+RESTS = 4  # fits of a model that goes on moving, at most
 SETTLED = 0.3  # log likelihood below which another round does not pay
 
 
@@ -115,6 +116,25 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
         if gain < SETTLED and number > 0:
             break
     return Model(code, replace(task, drive=task.drive), problem, point, noise, value)
+
+
+def at_rest(model: Model, masks: Masks) -> Model:
+    """The model fitted on until it moves no more.
+
+    Where the torque noise turns out far weaker than the fit began with, its ratio needs more than one fit.
+    """
+    for _ in range(RESTS):
+        trial = fit(model.code, model.task, model.problem, model.point, model.noise, masks, rounds=3)
+        if trial.value > model.value - SETTLED:
+            break
+        model = trial
+    return model
+
+
+def whitened(model: Model, masks: Masks) -> Model:
+    """The model under a torque noise that remembers nothing, fitted until it moves no more."""
+    noise = replace(model.noise, memory=None, slow=None)
+    return at_rest(replace(model, noise=noise, value=judge(model.problem, model.point, noise, masks)), masks)
 
 
 def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> Model:

@@ -15,9 +15,9 @@ from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Score, both, folds_of, score
+from drivetool.check.heldout import Score, both, folds_of, in_one_place, score
 from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable
-from drivetool.check.model import Masks, Model, everything, fit, judge, spread
+from drivetool.check.model import Masks, Model, at_rest, everything, fit, judge, spread, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, remainder
 from drivetool.check.samples import fitted_samples
@@ -37,6 +37,7 @@ CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good a
 LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
 AGAINST = "free runs over data held out become worse with it"
+ONE_PLACE = "nearly all that it gains on data held out lies in one place"
 
 
 class Search:
@@ -91,7 +92,7 @@ class Search:
             decision, stage, against = self._foretelling(decision, scores)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
-            results = tuple(replace(r, reason=AGAINST) if r.code in against else r for r in results_of(
+            results = tuple(replace(r, reason=against.get(r.code, r.reason)) for r in results_of(
                 asked, scores, decision, self.model, self.gained))
             if decision.best is not None and decision.best.model.code not in self.asked:
                 self.unasked = decision.best.model.code
@@ -168,8 +169,13 @@ class Search:
         self._stand_on(self.model)
         return True
 
-    def _as_coloured(self, model: Model) -> Model:
-        """The model under torque noise that remembers, where the base has that too and it is likelier so."""
+    def _under_other_noise(self, model: Model) -> Model:
+        """The model under torque noise that remembers, where the base has that too, or forgets, if it is likelier so.
+
+        Slow torque noise may be what the base took the cause for.
+        """
+        if model.noise.memory is not None:
+            return min(model, whitened(model, self.masks), key=lambda m: m.value)
         memory = [f.trained.noise for f in self.folds if f.trained.noise.memory is not None]
         if not memory:
             return model
@@ -195,7 +201,7 @@ class Search:
 
         def one(t: Tried) -> Score | None:
             try:
-                model = self._as_coloured(t.model)
+                model = self._under_other_noise(t.model)
                 if model is not t.model and sizeable(replace(t, models=(model,)), self.model).absent:
                     return None
                 found = score(model, self.folds)
@@ -209,23 +215,25 @@ class Search:
                                   pool.map(one, likely), len(likely)))
         return [s for s in scores if s is not None]
 
-    def _foretelling(self, decision: Decision, scores: Sequence[Score]) -> tuple[Decision, Gain | None, set[str]]:
-        """(the decision without causes that free runs over data held out speak against, gain of the best, those).
+    def _foretelling(self, decision: Decision,
+                     scores: Sequence[Score]) -> tuple[Decision, Gain | None, dict[str, str]]:
+        """(the decision without causes that data held out speak against, gain of the best, those and why).
 
-        A law that gains little beside those before it, mends single steps and spoils the run makes up for what
-        they are not exact in.
+        A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one
+        place only, makes up for what they are not exact in.
         """
-        against: set[str] = set()
+        against: dict[str, str] = {}
         tied = [s for s in scores if s.model.code in decision.between]
         # One that was asked for first, where that is as good as one that was not.
         for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
             stage, code = self.gain_between(self.trained, s.trained), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
-            if not (worse and s.gain < LITTLE * self.gained):
+            why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
+            if not (why and s.gain < LITTLE * self.gained):
                 between = tuple(c for c in decision.between if c not in against)
                 return replace(decision, best=s, between=between), stage, against
-            against.add(code)
+            against[code] = why
         return replace(decision, best=None, between=()), None, against
 
     def _adopt(self, decision: Decision) -> None:
@@ -239,7 +247,7 @@ class Search:
         self.evidence[code] = decision.evidence
         self.gained += best.gain
         self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
-        self.model, self.trained = best.model, best.trained
+        self.model, self.trained = at_rest(best.model, self.masks), best.trained
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless."""
