@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from drivetool.check.afresh import strayed
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.hypothesis import FAST
@@ -74,7 +75,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
                             "Record longer, or give several logs.")
     samples = samples_of(traces, train, test, drive)
-    base = base_model(task, fitted_samples(samples))
+    base = base_model(task, fitted_samples(samples), begun)
     search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
     search.possible = frozenset(not_ruled_out(tuple(CAUSES), mended))
     search.notes, search.begun = tuple(notes), begun
@@ -120,7 +121,14 @@ def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str]
                 tuple(experiments))
 
 
-def base_model(task: Task, masks: Masks | None = None) -> Model:
-    """The base refitted until it moves no more: one that has not converged makes every cause a discovery."""
+def base_model(task: Task, masks: Masks | None = None, begun: Mapping[str, float] = MappingProxyType({})) -> Model:
+    """The base refitted until it moves no more: one that has not converged makes every cause a discovery.
+
+    begun  values that its own fit started from: where a channel was mended, that fit may have gone far astray
+    """
     masks = everything(task.problem()) if masks is None else masks
-    return with_parts(from_start(task, masks, rounds=10), masks)
+    base = from_start(task, masks, rounds=10)
+    if strayed(base, begun):
+        again = from_start(task.at({n: begun[n] for n in task.free if n in begun}), masks, rounds=10)
+        base = min(base, again, key=lambda m: m.value)
+    return with_parts(base, masks)

@@ -170,7 +170,7 @@ class Search:
         return True
 
     def _under_other_noise(self, model: Model) -> Model:
-        """The model under torque noise that remembers, where the base has that too, or forgets, if it is likelier so.
+        """The model under torque noise that remembers, if the base has that too, or forgets, if it is likelier so.
 
         Slow torque noise may be what the base took the cause for.
         """
