@@ -71,7 +71,7 @@ class Begun:
 def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | None = None) -> Tried:
     """A few steps of a cause from all its starts; a fit that fails is a result.
 
-    before   the same cause on top of a base that has since been improved: it goes on from there
+    before   the same cause on top of a base that has since been improved: it goes on from there, or stays
     """
     try:
         starts = candidate.starts(base) if before is None or before.model is None else [_again(base, before.model)]
@@ -97,6 +97,8 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
                              renew=False, most=b.start.steps))
         except BROKEN as error:
             reason = str(error)
+    # Beside the parameters of a base that made up for the cause, its amplitudes may be nowhere near an optimum.
+    found += [] if before is None else before.models
     found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]
     if not found:
         return Tried(candidate, (), resolved, f"its fit failed: {reason}", "failed")

@@ -118,9 +118,9 @@ def _verdict(search: Search, causes: Sequence[str]) -> str:
         return "unexplained"
     if search.between:
         return "undetermined"
-    if causes:
-        return "named"
-    return "unexplained" if search.left.total > UNEXPLAINED else "nothing-found"
+    if not search.causes and search.left.total > UNEXPLAINED:
+        return "unexplained"
+    return "named" if causes else "nothing-found"
 
 
 UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
