@@ -13,7 +13,7 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread, whitened
 from drivetool.check.samples import Samples
 from drivetool.identify.engine import looks_coloured
-from drivetool.identify.noise import filtered, remembering
+from drivetool.identify.noise import filtered, fit_ratio, remembering
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
@@ -23,6 +23,7 @@ LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, a
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 ALONE = 0.75  # of what a cause gains, that may lie in one block
+LOUDER = 1.5  # of the likeliest torque noise, from which that of the restricted likelihood counts
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
 
 
@@ -93,12 +94,28 @@ def folds_of(bases: Sequence[Model], samples: Sequence[Samples]) -> list[Fold]:
     samples  of every fold
     """
     def fold(its: Samples) -> Fold:
-        trained, test = min((refit(b, its.train) for b in bases), key=lambda m: m.value), its.test
+        own = [refit(cautious(b, its.train), its.train) for b in bases]
+        trained, test = min(own, key=lambda m: m.value), its.test
         tested = [refit(b, its.again, renew=True) for b in bases]
         return Fold(*its, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
 
     with ThreadPoolExecutor(len(samples)) as pool:
         return list(pool.map(fold, samples))
+
+
+def cautious(model: Model, masks: Masks) -> Model:
+    """The model with the torque noise of the restricted likelihood, where that is clearly louder.
+
+    Parameters that have absorbed all slow torque noise leave none, and the model runs on without looking: right
+    on the samples that it was fitted to, and away on all others.
+    """
+    if model.noise.memory is not None:
+        return model
+    keep = [i for i, mask in enumerate(masks) if mask.any()]
+    problem = replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep))
+    point = Point(model.point.values, tuple(model.point.starts[i] for i in keep))
+    noise = fit_ratio(problem, point, model.noise, settled=True, quick=True)
+    return replace(model, noise=noise) if noise.ratio > LOUDER * model.noise.ratio else model
 
 
 def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
@@ -137,7 +154,7 @@ def price_of(model: Model, base: Model) -> float:
 def score(model: Model, folds: Sequence[Fold]) -> Score:
     """Fit a cause to the training samples of every fold and judge it on the test samples."""
     gains, evidence, training, trained = [], [], [], []
-    local, price = located(model), price_of(model, folds[0].trained)
+    local, price = cautious(located(model), folds[0].train), price_of(model, folds[0].trained)
     for fold in folds:
         own = refit(local, fold.train)
         mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
