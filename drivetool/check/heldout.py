@@ -114,7 +114,7 @@ def cautious(model: Model, masks: Masks) -> Model:
     keep = [i for i, mask in enumerate(masks) if mask.any()]
     problem = replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep))
     point = Point(model.point.values, tuple(model.point.starts[i] for i in keep))
-    noise = fit_ratio(problem, point, model.noise, settled=True, quick=True)
+    noise = fit_ratio(problem, point, model.noise, settled=True)
     return replace(model, noise=noise) if noise.ratio > LOUDER * model.noise.ratio else model
 
 

@@ -26,6 +26,8 @@ AHEAD = 50.0  # log likelihood by which the best of them must lead to be the onl
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.1  # samples: a lag that is shorter leaves no trace
+HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
+NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
 
 
@@ -139,8 +141,11 @@ def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
     return replace(simple, models=(trial, *simple.models)) if trial.value < own.value else simple
 
 
-def sizeable(tried: Tried, base: Model) -> Tried:
-    """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit."""
+def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
+    """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit.
+
+    Where parameters trade against one another a standard error says little: the base begun there decides.
+    """
     if not tried.smallest or tried.model is None:
         return tried
     try:
@@ -149,9 +154,30 @@ def sizeable(tried: Tried, base: Model) -> Tried:
         return tried
     own = CAUSES[tried.candidate.code].sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
     sizes = [found[n] for n in tried.smallest if n in found and n.rpartition(".")[2] in own]
-    if not sizes or max(sizes) > TOLD:
+    if not sizes or max(sizes) > TOLD or _needed(tried.model, base, masks):
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
+
+
+def _needed(model: Model, base: Model, masks: Masks) -> bool:
+    """Whether a cause that gains is likelier than the base that begins with its parameters and its noise."""
+    if model.value > base.value - NEEDED:
+        return False
+    rest = without(model, replace(base, noise=model.noise), masks)
+    return rest.value > model.value + NEEDED
+
+
+def without(model: Model, base: Model, masks: Masks, goal: float = np.inf) -> Model:
+    """The base fitted from the values that a model with a cause has for its parameters.
+
+    goal  -log likelihood that it should reach; far above it after two rounds it is given up
+    """
+    values = dict(zip(model.task.free, model.point.values, strict=True))
+    task = base.task.at({n: float(values[n]) for n in base.task.free if n in values})
+    begun = fit("base", task, base.problem, carried(model, task, base.problem), base.noise, masks, rounds=2)
+    if begun.value > goal + HOPELESS:
+        return begun
+    return fit("base", task, base.problem, begun.point, begun.noise, masks, rounds=6)
 
 
 def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:

@@ -16,8 +16,8 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score
-from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable
-from drivetool.check.model import Masks, Model, at_rest, everything, fit, judge, spread, whitened
+from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable, without
+from drivetool.check.model import Model, at_rest, everything, fit, judge, spread, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, remainder
 from drivetool.check.samples import fitted_samples
@@ -30,7 +30,6 @@ from drivetool.progress import counted
 
 WORKERS = 2
 NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
-HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
@@ -138,7 +137,8 @@ class Search:
             for code in [c for c in ends if c in NESTED]:
                 for simple in [c for c in NESTED[code] if c in ends]:
                     ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
-            sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model), ends.values()), strict=True))
+            sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
+                             strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]
 
     def _likely(self, tried: Sequence[Tried], promised: bool = False, over: Model | None = None) -> list[Tried]:
@@ -202,7 +202,7 @@ class Search:
         def one(t: Tried) -> Score | None:
             try:
                 model = self._under_other_noise(t.model)
-                if model is not t.model and sizeable(replace(t, models=(model,)), self.model).absent:
+                if model is not t.model and sizeable(replace(t, models=(model,)), self.model, self.masks).absent:
                     return None
                 found = score(model, self.folds)
                 return replace(found, lead=least - found.model.value,
@@ -285,19 +285,6 @@ class Search:
     def confident(self) -> bool:
         """Whether little enough is left over for a name to be trusted."""
         return self.left.total <= max(LEFT * self.gained, 10.0)
-
-
-def without(model: Model, base: Model, masks: Masks, goal: float = np.inf) -> Model:
-    """The base fitted from the values that a model with a cause has for its parameters.
-
-    goal  -log likelihood that it should reach; far above it after two rounds it is given up
-    """
-    values = dict(zip(model.task.free, model.point.values, strict=True))
-    task = base.task.at({n: float(values[n]) for n in base.task.free if n in values})
-    begun = fit("base", task, base.problem, carried(model, task, base.problem), base.noise, masks, rounds=2)
-    if begun.value > goal + HOPELESS:
-        return begun
-    return fit("base", task, base.problem, begun.point, begun.noise, masks, rounds=6)
 
 
 def sensor_std(model: Model) -> float:

@@ -118,7 +118,8 @@ def _verdict(search: Search, causes: Sequence[str]) -> str:
         return "unexplained"
     if search.between:
         return "undetermined"
-    if not search.causes and search.left.total > UNEXPLAINED:
+    # Rounding repeats where the motion is slow: what it leaves is no sign of anything else.
+    if not search.causes and search.left.total > UNEXPLAINED and "quantisation" not in causes:
         return "unexplained"
     return "named" if causes else "nothing-found"
 
