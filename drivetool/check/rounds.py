@@ -101,7 +101,7 @@ class Search:
                 self._adopt(decision)
             self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
-            if stage is None or (len(decision.between) > 1 and self.confident):
+            if stage is None:
                 break
             self._stand_on(self.model)
         self._drop_needless()
@@ -241,8 +241,8 @@ class Search:
         best, code = decision.best, decision.best.model.code
         if code in self.between:
             self.between = ()  # not one or the other, but both
-        elif len(decision.between) > 1 and not self.between:
-            self.between = decision.between
+        elif len(decision.between) > 1:
+            self.between = (*self.between, *decision.between)
         self.causes.append(code)
         self.evidence[code] = decision.evidence
         self.gained += best.gain

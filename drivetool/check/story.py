@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
+UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
@@ -122,9 +123,6 @@ def _verdict(search: Search, causes: Sequence[str]) -> str:
     if not search.causes and search.left.total > UNEXPLAINED and "quantisation" not in causes:
         return "unexplained"
     return "named" if causes else "nothing-found"
-
-
-UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
 
 
 def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
