@@ -38,3 +38,12 @@ def test_what_was_not_asked_for_is_said():
     assert text.endswith("none of the candidates explains; coulomb load would.")
     named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
     assert "lacks backlash" in named and "still 7 times the sensor's own noise" in named
+
+
+@pytest.mark.parametrize(("causes", "found", "begins"), [
+    (("outliers",), (), "The record is at fault, not the simulation: outliers."),
+    (("wrong-sign", "load-step"), ("load-step",), "The record is at fault (wrong sign), and the simulation lacks"),
+    (("load-step",), ("load-step",), "The simulation lacks load step: in free runs")])
+def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begins):
+    text = sentence_of("named", (causes, (), found), "", gain(27.0, 2.0), 0.01)
+    assert text.startswith(begins) and ("free runs" in text) == bool(found)

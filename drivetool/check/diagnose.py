@@ -23,8 +23,8 @@ from drivetool.check.preflight import Fault, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.shaft import shaft_fault
-from drivetool.check.spikes import expected_peaks, put_back, without_outliers
-from drivetool.check.story import tell
+from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
+from drivetool.check.story import UNEXPLAINED, tell
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task
@@ -81,7 +81,10 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     search.notes, search.begun = tuple(notes), begun
     if len(free) > len(given[1]):
         search.begin_with(base_model(task_of(mended, *given), search.masks))
-    return tell(search.run(), drive, options)
+    search.run()
+    if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
+        search.leave_out(*without_surprises(search.model, mended))
+    return tell(search, drive, options)
 
 
 def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment], drive: Drive, free: Sequence[str],

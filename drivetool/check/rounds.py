@@ -25,6 +25,7 @@ from drivetool.check.story import results_of
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
+from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
 
@@ -248,6 +249,16 @@ class Search:
         self.gained += best.gain
         self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
         self.model, self.trained = at_rest(best.model, self.masks), best.trained
+
+    def leave_out(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> None:
+        """Take records in place of those of the last model, if there are findings about what they lack."""
+        if not findings:
+            return
+        self.faults += [Fault("outliers", f) for f in findings]
+        self.train = tuple(experiments[:len(self.train)])
+        task = replace(self.model.task, experiments=tuple(experiments))
+        traces = traces_of(experiments, task.roles)
+        self.model = replace(self.model, task=task, problem=replace(self.model.problem, traces=traces))
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless."""

@@ -56,7 +56,13 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     if verdict == "named":
         left = "" if gain.unexplained_percent < 1.0 else (
             f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
-        return f"The simulation lacks {words}: {better}{left}{_loud(gain)}."
+        faults = " and ".join(c.replace("-", " ") for c in causes if c not in found)
+        if not found:
+            return (f"The record is at fault, not the simulation: {faults}. Apart from that it holds nothing "
+                    "beyond noise that a cause in the catalogue would explain.")
+        laws = " and ".join(c.replace("-", " ") for c in causes if c in found)
+        first = f"The record is at fault ({faults}), and the" if faults else "The"
+        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain)}."
     if verdict == "undetermined":
         either = " or ".join(c.replace("-", " ") for c in between if c != UNLISTED)
         first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.model import Model
+from drivetool.check.model import Model, everything, spread
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
@@ -21,6 +21,8 @@ SPIKE = 8.0  # robust standard deviations that no noise reaches
 ALONE = 0.4  # of the second difference of a spike, from which a sample near it bends too
 RARE = 0.02  # share of samples beyond which spikes are not outliers any more
 SURPRISE = 0.6  # of its height, by which a wrong value surprises the model
+IMPOSSIBLE = 5.7  # standard deviations of a one-step error that a sample reaches by chance once in 80 million
+CALM, AFTER = 4.0, 3  # standard deviations that the samples after a wrong one stay within, and how many of them
 NONE: Places = MappingProxyType({})
 OUTPUTS = ("motor_speed", "load_speed", "motor_angle", "load_angle", "shaft_torque")
 
@@ -42,14 +44,17 @@ def without_outliers(e: Experiment, spared: Places = NONE) -> tuple[Experiment, 
         values = signals[role].copy()
         values[at] = np.nan
         signals[role] = values
-        findings.append(Finding(
-            "warning", "outliers",
-            f"{e.name}: {len(at)} single samples of the {role.replace('_', ' ')} lie far from their neighbours; "
-            "they are left out.",
-            {"count": len(at), "largest": float(size.max()), "first_time": float(at[0] * e.step),
-             "noise_std": float(sigma)},
-            "Check the sensor's cable and connector."))
+        findings.append(_finding(e, role, at, (float(size.max()), float(sigma)), "lie far from their neighbours"))
     return replace(e, signals=signals), findings
+
+
+def _finding(e: Experiment, role: str, at: np.ndarray, sizes: tuple[float, float], what: str) -> Finding:
+    """What is said of outliers; sizes: of the largest, and the noise beside them."""
+    largest, noise = sizes
+    return Finding("warning", "outliers",
+                   f"{e.name}: {len(at)} single samples of the {role.replace('_', ' ')} {what}; they are left out.",
+                   {"count": len(at), "largest": largest, "first_time": float(at[0] * e.step), "noise_std": noise},
+                   "Check the sensor's cable and connector.")
 
 
 def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -121,3 +126,54 @@ def expected_peaks(base: Model, whole: Sequence[Experiment], mended: Sequence[Ex
                 places[role] = [*places.get(role, ()), *(a + out[surprise < SURPRISE * height])]
             at += 1
     return found
+
+
+def without_surprises(model: Model, experiments: Sequence[Experiment],
+                      ) -> tuple[tuple[Experiment, ...], list[Finding]]:
+    """(the records without single values that a model which explains all the rest finds impossible, findings).
+
+    What is too small to stand out from its neighbours stands out from what was to be expected. A motion that did
+    happen goes on: the samples after it would surprise as much once it is left out.
+
+    model  leaves nothing but noise over these experiments
+    """
+    found, at = [], 0
+    first = _surprise(model, model.problem.traces)
+    marked = [np.abs(z) > IMPOSSIBLE for z in first]
+    second = _surprise(model, tuple(replace(t, outputs=np.where(m, np.nan, t.outputs))
+                                    for t, m in zip(model.problem.traces, marked, strict=True)))
+    findings: list[Finding] = []
+    for e in experiments:
+        signals, wrong = dict(e.signals), {role: [] for role in model.task.roles.outputs}
+        for a, _ in (s for s in e.segments if s[1] - s[0] >= 10):
+            for j, role in enumerate(model.task.roles.outputs):
+                for k in np.flatnonzero(marked[at][:, j]):
+                    after = slice(k + 1, k + 1 + AFTER)
+                    calm = np.all(np.abs(np.nan_to_num(second[at][after, j])) < CALM)
+                    if k + AFTER < len(first[at]) and calm and not marked[at][after, j].any():
+                        wrong[role].append((a + k, abs(first[at][k, j])))
+            at += 1
+        for role, places in wrong.items():
+            if places and len(places) < RARE * e.size:
+                k, size = (np.array(column) for column in zip(*places, strict=True))
+                signals[role] = signals[role].copy()
+                signals[role][k] = np.nan
+                std = _std(model, role)
+                findings.append(_finding(e, role, k, (float(size.max()) * std, std), "cannot be what happened"))
+        found.append(replace(e, signals=signals))
+    return tuple(found), findings
+
+
+def _std(model: Model, role: str) -> float:
+    """Of the white noise of a sensor, as the model has it."""
+    passes = filtered(model.problem, model.point, model.noise, keep=False)
+    whole = spread(passes, everything(model.problem))
+    return float(np.sqrt(whole)) * float(model.noise.scale[model.task.roles.outputs.index(role)])
+
+
+def _surprise(model: Model, traces: Sequence) -> list[np.ndarray]:
+    """Per trace (n, ny): one-step errors over their standard deviations."""
+    passes = filtered(replace(model.problem, traces=tuple(traces)), model.point, model.noise, keep=False)
+    ratios = [f.innovations / np.sqrt(f.variance) for f in passes]
+    usual = 1.4826 * np.nanmedian(np.abs(np.concatenate(ratios)), axis=0)
+    return [r / np.where(usual > 0.0, usual, np.inf) for r in ratios]
