@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 from scipy.stats import chi2
 
+from drivetool.check.diagnose import base_model
+from drivetool.check.model import Model
 from drivetool.drive.chain import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
 from tests.simulator.controllers import SpeedPI
 from tests.simulator.experiments import alternating, multisine, steps, trapezoids
-from tests.simulator.machine import Machine, at_rest, running
+from tests.simulator.machine import Machine, at_rest, machine_by_seed, running
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import Sensor, simulate, simulate_linear
 
@@ -110,3 +117,28 @@ def gap_record(machine: Machine, seed: int, torque_noise: float = 0.002, speed_n
     scale = rated * 0.25 / sum(machine.inertia)
     speed = run.speeds[:, 0] + white_noise(size, speed_noise * scale, 7 * seed + 6)
     return experiment(torque, speed, "gap"), run
+
+
+def one_sensor(seed: int, torque_noise: float = 0.002, spikes: Mapping[int, float] = MappingProxyType({}),
+               kicks: Mapping[int, float] = MappingProxyType({})) -> tuple[Model, float]:
+    """(base of a diagnosis of the motor's speed alone, std of the torque noise over that of the sensor).
+
+    torque_noise  std over the rated torque
+    spikes        sample -> wrong value of the sensor, over its noise
+    kicks         sample -> step of the motor's speed by a torque that is not logged, over the sensor's noise
+    """
+    machine, size = machine_by_seed(seed), 4000
+    rated = machine.rated_torque
+    torque = multisine(np.linspace(0.05, 2.0, 12) * resonance(machine), 0.1 * rated, size * STEP, STEP, seed)[:size]
+    noise = white_noise(size, torque_noise * rated, 3 * seed)
+    sensor = 1e-3 * np.abs(simulate_linear(machine, torque, STEP, None, noise).speeds).max()
+    noise[list(kicks)] += machine.inertia[0] * sensor / STEP * np.array(list(kicks.values()))
+    run = simulate_linear(machine, torque, STEP, None, noise)
+    wrong = white_noise(size, sensor, 3 * seed + 1)
+    wrong[list(spikes)] += sensor * np.array(list(spikes.values()))
+    record = experiment(torque, run.speeds[:, 0] + wrong)
+    free = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness",
+            "shaft.damping")
+    drive = drive_like(machine, list(free))
+    task = Task(drive, free, roles_of([record], drive), (record,))
+    return base_model(task), torque_noise * rated / sensor

@@ -18,7 +18,7 @@ from drivetool.identify.estimate import Parameter
 from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.task import Task
-from tests.recover import STEP, drive_like, experiment, resonance
+from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed
 from tests.simulator.records import white_noise
@@ -72,20 +72,6 @@ def test_only_what_counts_tells_how_loud_a_sensor_is():
     quiet, loud = (listened(problem, model.point, model.noise, [mask]).scale[1] for mask in (early, ~early))
     assert quiet == pytest.approx(LOAD / MOTOR, rel=0.1)
     assert loud == pytest.approx(3.0 * quiet, rel=0.2)
-
-
-def one_sensor(seed, torque_noise=0.002):
-    """(base fitted to a record of the motor's speed alone, std of the torque noise over that of the sensor)."""
-    machine, size = machine_by_seed(seed), 4000
-    rated = machine.rated_torque
-    torque = multisine(np.linspace(0.05, 2.0, 12) * resonance(machine), 0.1 * rated, size * STEP, STEP, seed)[:size]
-    run = simulate_linear(machine, torque, STEP, None, white_noise(size, torque_noise * rated, 3 * seed))
-    sensor = MOTOR * np.abs(run.speeds).max()
-    record = experiment(torque, run.speeds[:, 0] + white_noise(size, sensor, 3 * seed + 1))
-    free = tuple(n for n in FREE if n != "load.viscous")
-    drive = drive_like(machine, list(free))
-    task = Task(drive, free, roles_of([record], drive), (record,))
-    return base_model(task), torque_noise * rated / sensor
 
 
 def test_torque_noise_that_remembers_is_left_where_white_noise_is_likelier():

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.spikes import put_back, spikes, without_outliers
+from drivetool.check.spikes import put_back, spikes, without_outliers, without_surprises
 from drivetool.logs.experiment import Experiment
+from tests.recover import one_sensor
 
 STEP, SIZE, NOISE = 1e-3, 4000, 0.02
 TIME = np.arange(SIZE) * STEP
@@ -48,3 +49,22 @@ def test_what_is_spared_stays_and_what_was_left_out_comes_back_on_its_scale():
     halved = replace(mended, signals={**mended.signals, "motor_speed": 0.5 * mended.signals["motor_speed"]})
     (whole,) = put_back([halved], [e])
     np.testing.assert_allclose(whole.signals["motor_speed"], 0.5 * y, rtol=1e-12)
+
+
+def left_out(seed, **options):
+    """Samples that a fitted base finds impossible; none of them stands out from its neighbours."""
+    base, _ = one_sensor(seed, 2e-5, **options)
+    (record,), findings = without_surprises(base, base.task.experiments)
+    logged = base.task.experiments[0].signals["motor_speed"]
+    assert len(spikes(logged)[0]) == 0
+    out = list(np.flatnonzero(np.isfinite(logged) & ~np.isfinite(record.signals["motor_speed"])))
+    assert [f.evidence["count"] for f in findings] == [len(out)] * bool(out)
+    return out
+
+
+@pytest.mark.parametrize("seed", [20, 23])
+def test_what_a_model_finds_impossible_is_left_out_and_what_went_on_is_not(seed):
+    """A sensor that is wrong by seven times its noise, and a speed that did change by as much."""
+    assert left_out(seed, spikes={1000: 7.5, 2500: -8.0}) == [1000, 2500]
+    assert left_out(seed, kicks={1000: 7.5, 2500: -8.0}) == []
+    assert left_out(seed) == []
