@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
-from drivetool.check.decide import Decision, decide
+from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.check.rounds import Search
 from drivetool.identify.noise import minus_log_likelihood
@@ -148,3 +148,13 @@ def test_what_the_whole_record_was_searched_for_has_its_price_once():
     both = freeing(*ripple.task.free, "load.drag")
     assert price_of(ripple, plain) > np.log(100.0)
     assert price_of(freeing("motor.inertia", "load.drag"), plain) == price_of(both, ripple) == 0.0
+
+
+@pytest.mark.parametrize(("differences", "tied"), [
+    ([5.6, 93.6, -0.3, 3.6, 13.4, 78.2, 10.2, 4.5], False),  # two blocks tell most, and all but one the same
+    ([56.0, 93.6, -40.0, -30.0, 13.4, 78.2, 10.2, 4.5], True),  # within twice the scatter
+    ([0.1, 0.2, 0.1, 0.3, 0.2, 9.0, 0.2, 6.0], True),  # of one mind about hardly anything
+    ([20.0, 22.0, 21.0, 25.0, 24.0, 20.0, 23.0, 22.0], False)])
+def test_two_causes_are_told_apart_where_the_blocks_agree(differences, tied):
+    best = score(500.0, np.full(8, 100.0))
+    assert ties(score(450.0, best.gains - np.array(differences), code="other"), best) is tied

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm, wilcoxon
 
 from drivetool.check.candidates import CANDIDATES
 from drivetool.check.heldout import Score, total_evidence
 
 CLOSE = 2.0  # standard errors within which two causes explain the record equally well
+PLAIN = 20.0  # log likelihood that counts as a difference where nearly all blocks agree on it
 LEAST = 4.0  # log likelihood that is a tie whatever the scatter says
 SHARE = 0.5  # of the best gain that a tie must have
 LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
@@ -73,10 +75,15 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decis
 
 
 def ties(one: Score, best: Score) -> bool:
-    """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker."""
+    """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker.
+
+    Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945).
+    """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
-    return bool(difference.sum() < max(CLOSE * error, LEAST) and one.gain > SHARE * best.gain)
+    if difference.sum() >= max(CLOSE * error, LEAST) or one.gain <= SHARE * best.gain:
+        return False
+    return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
 
 def mistaken_for(codes: Sequence[str]) -> set[str]:
