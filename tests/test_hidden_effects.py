@@ -32,7 +32,7 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
-ALL = [("third-mass", 35, {}), ("coulomb-motor", 47, SHORT)]
+ALL = [("third-mass", 35, SHORT), ("coulomb-motor", 47, SHORT)]
 
 
 def answered(effect, machine, folder, labels, words, **options):
