@@ -37,7 +37,8 @@ from tests.hidden.visibility import separation, visible
 
 ROOT = Path(__file__).parent.parent
 # Seeds that no other test uses.
-FIRST_SEED, FIRST_NULL = 50_000, 60_000
+FIRST_SEED, FIRST_NULL, FIRST_MIXED = 50_000, 60_000, 80_000
+MIXED = 10  # of them beside one of every effect
 # Visible: half the square is 50 units of log likelihood on the whole record, so that each of eight
 # held-out folds has more than the log of a hundred that a discovery must show.
 VISIBLE = 10.0
@@ -84,6 +85,24 @@ def varied(seed: int) -> dict[str, object]:
                       "noise": str(rng.choice(["nominal", "nominal", "loud"]))}
 
 
+def mixed(seed: int) -> Plan:
+    """One or two effects of any kind and size, on records of any length: what nobody thought of."""
+    rng = np.random.default_rng([seed, 424242])
+    while True:
+        kinds = [str(code) for code in rng.choice(list(KINDS), int(rng.integers(1, 3)), replace=False)]
+        if len({CODES[code].replace("sign", "scale") for code in kinds}) == len(kinds):
+            break
+    options = varied(seed)
+    bodies = max(int(options.get("bodies", 2)), *(KINDS[code].bodies for code in kinds))
+    size = {code: KINDS[code].usual * (1.0 if code.startswith("wrong-sign") else 2.0 ** rng.uniform(-0.5, 1.5))
+            for code in kinds}
+    options |= {"bodies": bodies, "size": size, "duration": float(rng.choice([8.0, 12.0, 20.0])),
+                "records": int(rng.choice([1, 1, 1, 1, 2]))}
+    if "imbalance" in kinds:
+        options["linear"] = False
+    return Plan("mixed", f"mixed/{'+'.join(kinds)}/{seed}", tuple(kinds), options)
+
+
 def plans(cases: int, nulls: int) -> list[Plan]:
     """Everything the study wants, in the order in which it is run: a bit of every part first."""
     found = []
@@ -101,6 +120,7 @@ def plans(cases: int, nulls: int) -> list[Plan]:
             for pair in PAIRS:
                 options = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i}
                 found.append(Plan("pair", f"pair/{'+'.join(pair)}/{i}", pair, options))
+            found += [mixed(FIRST_MIXED + MIXED * i + j) for j in range(MIXED)]
         per_round = len(KINDS)
         found += [Plan("none", f"none/{j}", (), varied(FIRST_NULL + j))
                   for j in range(i * per_round, min((i + 1) * per_round, nulls))]
@@ -353,9 +373,13 @@ def _half(number: np.ndarray, seen: np.ndarray) -> float | None:
 def summary(found: Sequence[Mapping]) -> str:
     """All tables, as the README has them."""
     parts = {part: [row for row in found if row["part"] == part]
-             for part in ("effect", "pair", "removed", "limit", "none")}
+             for part in ("effect", "pair", "mixed", "removed", "limit", "none")}
     alarms, nulls = sum(row["grade"] == "false-alarm" for row in parts["none"]), len(parts["none"])
     text = [confusion(parts["effect"] + parts["pair"])]
+    seen = Counter(row["grade"] for row in parts["mixed"] if (row["visibility"] or 0.0) >= VISIBLE)
+    if seen:
+        text.append(f"one or two effects drawn from all, {seen.total()} visible: "
+                    + ", ".join(f"{seen[grade]} {grade}" for grade in COLUMNS if seen[grade]))
     if nulls:
         text.append(f"false alarms: {alarms} of {nulls} null records, {100 * alarms / nulls:.2f} %, "
                     f"at most {100 * upper(alarms, nulls):.2f} % (95 %)")

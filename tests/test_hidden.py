@@ -313,5 +313,10 @@ def test_study_plans_cover_everything_with_keys_of_their_own():
     for part in ("effect", "removed"):
         assert {plan.effects[0] for plan in plans if plan.part == part} == set(KINDS)
     assert {plan.removed for plan in plans if plan.part == "removed"} == {(code,) for code in CODES.values()}
+    drawn = [plan for plan in plans if plan.part == "mixed"]
+    assert {len(plan.effects) for plan in drawn} == {1, 2} and len(drawn) == 2 * study_diagnose.MIXED
+    for plan in drawn:
+        assert len({CODES[code] for code in plan.effects}) == len(plan.effects)
+        make_case(plan.effects, **{**plan.options, "duration": 2.0})
     assert study_diagnose.upper(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
     assert study_diagnose.upper(10, 1000) == pytest.approx(0.01691, abs=2e-5)
