@@ -158,3 +158,9 @@ def test_what_the_whole_record_was_searched_for_has_its_price_once():
 def test_two_causes_are_told_apart_where_the_blocks_agree(differences, tied):
     best = score(500.0, np.full(8, 100.0))
     assert ties(score(450.0, best.gains - np.array(differences), code="other"), best) is tied
+
+
+def test_what_is_known_to_look_alike_is_told_apart_by_its_whole_scatter_only():
+    best = score(500.0, np.full(8, 100.0), code="speed-filter")
+    lag = score(450.0, best.gains - [2.8, 6.5, 0.4, 0.4, 23.9, 2.2, -1.3, 2.6], code="converter-lag")
+    assert ties(lag, best)

@@ -77,12 +77,15 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decis
 def ties(one: Score, best: Score) -> bool:
     """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker.
 
-    Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945).
+    Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945). Not
+    for causes that are known to look alike: a filter and a lag, say, differ in what they make of the noise only.
     """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
     if difference.sum() >= max(CLOSE * error, LEAST) or one.gain <= SHARE * best.gain:
         return False
+    if frozenset((one.model.code, best.model.code)) in DECIDES:
+        return True
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
 
