@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.remainder import Remainder
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
+from drivetool.check.story import UNEXPLAINED, _verdict
 
 NOISE = 0.02  # rad/s of the sensor
 
@@ -47,3 +51,13 @@ def test_what_was_not_asked_for_is_said():
 def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begins):
     text = sentence_of("named", (causes, (), found), "", gain(27.0, 2.0), 0.01)
     assert text.startswith(begins) and ("free runs" in text) == bool(found)
+
+
+@pytest.mark.parametrize(("causes", "left", "verdict"), [
+    (("wrong-sign",), 0.5 * UNEXPLAINED, "named"), (("wrong-sign",), 2.0 * UNEXPLAINED, "unexplained"),
+    (("quantisation",), 2.0 * UNEXPLAINED, "named"), ((), 0.0, "nothing-found"),
+    ((), 2.0 * UNEXPLAINED, "unexplained")])
+def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict):
+    """No law was found; what rounding leaves repeats by itself."""
+    search = SimpleNamespace(unasked="", causes=[], between=(), left=Remainder(left, 0.0, 0.0))
+    assert _verdict(search, causes) == verdict

@@ -59,6 +59,11 @@ def left_out(seed, **options):
     assert len(spikes(logged)[0]) == 0
     out = list(np.flatnonzero(np.isfinite(logged) & ~np.isfinite(record.signals["motor_speed"])))
     assert [f.evidence["count"] for f in findings] == [len(out)] * bool(out)
+    noise = 1e-3 * np.nanmax(np.abs(logged))  # as the record was made
+    for f in findings:
+        assert f.evidence["noise_std"] == pytest.approx(noise, rel=0.05)
+        height = max(map(abs, options["spikes"].values()))
+        assert f.evidence["largest"] == pytest.approx(height * noise, abs=3.0 * noise)
     return out
 
 

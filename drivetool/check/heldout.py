@@ -94,11 +94,11 @@ def folds_of(bases: Sequence[Model], samples: Sequence[Samples]) -> list[Fold]:
     samples  of every fold
     """
     def fold(its: Samples) -> Fold:
-        own = [refit(cautious(b, its.train), its.train) for b in bases]
-        trained, test = min(own, key=lambda m: m.value), its.test
+        trained, test = min((refit(b, its.train) for b in heard), key=lambda m: m.value), its.test
         tested = [refit(b, its.again, renew=True) for b in bases]
         return Fold(*its, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
 
+    heard = [cautious(b, samples[0].train) for b in bases]  # of the same records in every fold
     with ThreadPoolExecutor(len(samples)) as pool:
         return list(pool.map(fold, samples))
 

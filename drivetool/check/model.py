@@ -81,6 +81,12 @@ def spread(passes: Sequence[Filtered], masks: Masks) -> float:
     return squares / max(count, 1)
 
 
+def sensor_std(model: Model, output: int = 0) -> float:
+    """Std of a sensor's white noise, of the first one if none is said, as the model has it."""
+    passes = filtered(model.problem, model.point, model.noise, keep=False)
+    return float(np.sqrt(spread(passes, everything(model.problem))) * model.noise.scale[output])
+
+
 def total(each: Sequence[np.ndarray], masks: Masks) -> float:
     """Sum over the samples of a mask; infinite where the filter ran away."""
     value = float(sum(loss[mask].sum() for loss, mask in zip(each, masks, strict=True)))

@@ -17,14 +17,13 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score
 from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable, without
-from drivetool.check.model import Model, at_rest, everything, fit, judge, spread, whitened
+from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, remainder
 from drivetool.check.samples import fitted_samples
 from drivetool.check.story import results_of
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
-from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
@@ -296,11 +295,3 @@ class Search:
     def confident(self) -> bool:
         """Whether little enough is left over for a name to be trusted."""
         return self.left.total <= max(LEFT * self.gained, 10.0)
-
-
-def sensor_std(model: Model) -> float:
-    """Std of the first sensor's white noise, as the model has it."""
-    passes = filtered(model.problem, model.point, model.noise, keep=False)
-    return float(np.sqrt(spread(passes, everything(model.problem))))
-
-

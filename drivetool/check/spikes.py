@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.model import Model, everything, spread
+from drivetool.check.model import Model, sensor_std
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
@@ -138,9 +138,9 @@ def without_surprises(model: Model, experiments: Sequence[Experiment],
     model  leaves nothing but noise over these experiments
     """
     found, at = [], 0
-    first = _surprise(model, model.problem.traces)
+    errors, first = _surprise(model, model.problem.traces)
     marked = [np.abs(z) > IMPOSSIBLE for z in first]
-    second = _surprise(model, tuple(replace(t, outputs=np.where(m, np.nan, t.outputs))
+    _, second = _surprise(model, tuple(replace(t, outputs=np.where(m, np.nan, t.outputs))
                                     for t, m in zip(model.problem.traces, marked, strict=True)))
     findings: list[Finding] = []
     for e in experiments:
@@ -151,29 +151,22 @@ def without_surprises(model: Model, experiments: Sequence[Experiment],
                     after = slice(k + 1, k + 1 + AFTER)
                     calm = np.all(np.abs(np.nan_to_num(second[at][after, j])) < CALM)
                     if k + AFTER < len(first[at]) and calm and not marked[at][after, j].any():
-                        wrong[role].append((a + k, abs(first[at][k, j])))
+                        wrong[role].append((a + k, abs(errors[at][k, j])))
             at += 1
         for role, places in wrong.items():
             if places and len(places) < RARE * e.size:
                 k, size = (np.array(column) for column in zip(*places, strict=True))
                 signals[role] = signals[role].copy()
                 signals[role][k] = np.nan
-                std = _std(model, role)
-                findings.append(_finding(e, role, k, (float(size.max()) * std, std), "cannot be what happened"))
+                sizes = float(size.max()), sensor_std(model, model.task.roles.outputs.index(role))
+                findings.append(_finding(e, role, k, sizes, "cannot be what happened"))
         found.append(replace(e, signals=signals))
     return tuple(found), findings
 
 
-def _std(model: Model, role: str) -> float:
-    """Of the white noise of a sensor, as the model has it."""
-    passes = filtered(model.problem, model.point, model.noise, keep=False)
-    whole = spread(passes, everything(model.problem))
-    return float(np.sqrt(whole)) * float(model.noise.scale[model.task.roles.outputs.index(role)])
-
-
-def _surprise(model: Model, traces: Sequence) -> list[np.ndarray]:
-    """Per trace (n, ny): one-step errors over their standard deviations."""
+def _surprise(model: Model, traces: Sequence) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Per trace (n, ny): one-step errors, and the same over their standard deviations."""
     passes = filtered(replace(model.problem, traces=tuple(traces)), model.point, model.noise, keep=False)
     ratios = [f.innovations / np.sqrt(f.variance) for f in passes]
     usual = 1.4826 * np.nanmedian(np.abs(np.concatenate(ratios)), axis=0)
-    return [r / np.where(usual > 0.0, usual, np.inf) for r in ratios]
+    return [f.innovations for f in passes], [r / np.where(usual > 0.0, usual, np.inf) for r in ratios]
