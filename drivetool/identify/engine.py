@@ -15,6 +15,8 @@ from drivetool.identify.least_squares import Solution, approach, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio, remembering
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.resonance import resonances
+from drivetool.identify.rough import balanced
 from drivetool.identify.search import Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
 from drivetool.identify.task import Outcome, Task
@@ -121,10 +123,17 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
             linear = None if way == "direct" else start.linear_problem()
             fits.append(fit_innovations(problem, point, linear=linear, most=SCREEN if several else 12))
             tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
-        if has_shape(task) and looks_coloured(filtered(problem, fits[-1].point, fits[-1].noise, keep=False)):
-            # What is left repeats: the drive lacks something, or the fit went astray, which slow cooling does not.
-            fits.append(_by_cooling(start, problem, None, 10.0, SCREEN if several else 12))
-            tried.append({"way": "cooled", **{k: float(v) for k, v in values.items()}})
+        if has_shape(task):
+            most = SCREEN if several else 12
+            begun = first_point(balanced(start).drive, problem, task.roles)
+            for place, noise in resonances(problem, begun, fits[-1]):
+                fits.append(fit_innovations(problem, place, noise, arrived=True, most=most))
+                tried.append({"way": "along the stiffness", **{k: float(v) for k, v in values.items()}})
+            best = min(fits, key=lambda f: f.value)
+            if looks_coloured(filtered(problem, best.point, best.noise, keep=False)):
+                # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
+                fits.append(_by_cooling(start, problem, None, 10.0, most))
+                tried.append({"way": "cooled", **{k: float(v) for k, v in values.items()}})
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
