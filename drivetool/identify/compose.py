@@ -14,6 +14,7 @@ from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
+from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
@@ -45,6 +46,8 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     after = outcome.drive
     extra, held = _from_held(outcome, known)
     extra = _plus(extra, _from_sharing(outcome))
+    if outcome.fit is not None:
+        extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))

@@ -77,7 +77,12 @@ def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
 
 
 def restricted(problem: Problem, point: Point, noise: Noise) -> float:
-    """Restricted -log likelihood of a noise model, up to a constant.
+    """Restricted -log likelihood of a noise model, up to a constant: see `integrated`."""
+    return integrated(problem, point, noise)[0]
+
+
+def integrated(problem: Problem, point: Point, noise: Noise) -> tuple[float, Normal]:
+    """(restricted -log likelihood of a noise model, up to a constant; normal equations at the point under it).
 
     The plain likelihood counts residuals that the fitted parameters have already absorbed: slow
     torque noise looks like friction, its ratio comes out near zero, and the intervals are then
@@ -95,9 +100,9 @@ def restricted(problem: Problem, point: Point, noise: Noise) -> float:
     left = normal.cost - float(slope / size @ np.linalg.solve(scaled, slope / size))
     degrees = problem.count - len(size)
     if not np.isfinite(left) or left <= 0.0 or degrees <= 0:
-        return np.inf
+        return np.inf, normal
     determinant = np.linalg.slogdet(scaled)[1] + 2.0 * float(np.sum(np.log(size)))
-    return 0.5 * (degrees * np.log(left / degrees) + logs + determinant)
+    return 0.5 * (degrees * np.log(left / degrees) + logs + determinant), normal
 
 
 def normal_under(problem: Problem, point: Point, noise: Noise) -> Normal:
