@@ -19,7 +19,7 @@ from drivetool.identify.resonance import resonances
 from drivetool.identify.rough import balanced
 from drivetool.identify.search import Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
-from drivetool.identify.task import Outcome, Task
+from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.progress import counted
 
 __all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run",
@@ -95,9 +95,7 @@ def again(task: Task, noise: Noise) -> Outcome:
 
 def is_hard(task: Task) -> bool:
     """Whether shape parameters are free across a gap: then the likelihood has many peaks."""
-    acts = any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
-               for n in task.drive.quantities)
-    return acts and has_shape(task)
+    return has_gap(task) and has_shape(task)
 
 
 def has_shape(task: Task) -> bool:
@@ -149,9 +147,7 @@ def _polished(problem: Problem, fits: Sequence[Fit]) -> Fit:
 
 def _ways(task: Task) -> tuple[str, ...]:
     """A nonlinear drive has several optima: two ways in."""
-    gap = any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
-              for n in task.drive.quantities)
-    return ("direct", "constant gain") if gap else ("direct",)
+    return ("direct", "constant gain") if has_gap(task) else ("direct",)
 
 
 def frozen(task: Task) -> Outcome:

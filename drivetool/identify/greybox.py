@@ -33,6 +33,7 @@ from drivetool.identify.outliers import without_outliers
 from drivetool.identify.parts import parted, told_apart
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
+from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
@@ -61,11 +62,13 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome, left = without_outliers(fit_task(task, options, [{}]))
-    outcome = coloured(split_totals(outcome, asked))
+    white = split_totals(outcome, asked)
+    outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
     findings = [*left, *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    return compose("greybox", drive, outcome, findings, {}, figures, options.known)
+    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
+    return told_by(estimate, worth_of_shafts(white))
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves t
 
 # Later rounds take few steps: across a gap the frozen-gain cost has other valleys to run off to.
 FEW = 4
+ANEW = 5  # rounds after which the noise is sought everywhere again: near the last, one that is none takes a dozen
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         solution = _backed_off(problem, point, solution, noise)
         point = solution.point
         settled = arrived or rounds >= 2
-        around = None if rounds == 2 and noise.memory is None and not arrived else noise.ratio
+        wide = (rounds == 2 and not arrived) or rounds % ANEW == 0
+        around = None if wide and noise.memory is None else noise.ratio
         fresh = fit_ratio(problem, point, noise, around, settled)
         fresh = _sensor_scales(problem, point, fresh)
         change = abs(np.log(fresh.ratio / noise.ratio))

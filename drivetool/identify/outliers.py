@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.task import Outcome, Task
+from drivetool.identify.task import Outcome, Task, has_gap
 
 LARGEST = 8.0  # robust standard deviations; normal noise exceeds them once in 1e15 samples
 RARE = 2e-3  # share of the samples; more of them are not outliers but what the model does not know
@@ -27,7 +27,7 @@ def without_outliers(outcome: Outcome) -> tuple[Outcome, list[Finding]]:
     Nothing is left out where there is a gap: contacts, too, come as single large errors.
     """
     first, left = outcome, []
-    if outcome.fit is None or _has_gap(outcome.task):
+    if outcome.fit is None or has_gap(outcome.task):
         return outcome, []
     for _ in range(ROUNDS):
         task, fresh = _masked(outcome)
@@ -39,11 +39,6 @@ def without_outliers(outcome: Outcome) -> tuple[Outcome, list[Finding]]:
         fit = settle(problem, fit_innovations(problem, outcome.solution.point, outcome.fit.noise, arrived=True))
         outcome = Outcome(task, problem, fit.solution, fit, outcome.starts, fit.converged)
     return (outcome, [_told(first, outcome, left)]) if left else (outcome, [])
-
-
-def _has_gap(task: Task) -> bool:
-    return any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
-               for n in task.drive.quantities)
 
 
 def _masked(outcome: Outcome) -> tuple[Task, list[float]]:

@@ -62,3 +62,9 @@ class Outcome:
     def drive(self) -> Drive:
         """The drive with the fitted values."""
         return self.task.at_point(self.solution.point).drive
+
+
+def has_gap(task: Task) -> bool:
+    """Whether a gap acts or is to be fitted."""
+    return any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+               for n in task.drive.quantities)
