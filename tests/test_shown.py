@@ -38,7 +38,9 @@ def test_only_an_excited_resonance_has_intervals(seed):
     quiet, excited = (greybox([record(machine, seed, s)], drive, Options()) for s in (0.0, 0.05))
     lines = {p.name: p for p in quiet.parameters}
     assert all(lines[n].status == "not-identifiable" and lines[n].ci95 is None for n in SHAPE)
-    assert "resonance-not-shown" in {f.code for f in quiet.findings}
+    # One sentence for all four, not what each of them looks like at a peak of noise.
+    found = [f.code for f in quiet.findings if any(n in f.text for n in (*SHAPE, "resonance of shaft"))]
+    assert found == ["resonance-not-shown"]
     assert not set(quiet.covariance.names) & set(SHAPE)
     total = lines["motor.inertia"].value + lines["load.inertia"].value
     assert total == pytest.approx(sum(machine.inertia), rel=0.01)

@@ -65,7 +65,10 @@ def _without(estimate: Estimate, shaft: str, worth: float) -> Estimate:
     if kept is not None:
         index = [i for i, n in enumerate(kept.names) if n not in names]
         kept = Covariance(tuple(kept.names[i] for i in index), kept.matrix[np.ix_(index, index)]) if index else None
-    return replace(estimate, parameters=lines, covariance=kept, findings=(*estimate.findings, found))
+    # What the fit said of each of them by itself, it said of a peak of noise.
+    others = [f for f in estimate.findings
+              if not (f.code == "not-identifiable" and f.text.partition(" ")[0] in names)]
+    return replace(estimate, parameters=lines, covariance=kept, findings=(*others, found))
 
 
 def _astray(shaft: str, worth: Mapping[str, float]) -> Finding:
