@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive.chain import three_mass, two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.simulate import Trace
 from tests.test_kernel import STEP, plant_of
@@ -103,6 +103,19 @@ def test_an_effect_that_is_present_acts(effect):
     for name in SMOOTH.get(effect.code) or [f"{OWNER[effect.of]}.{s}" for s in effect.quantities]:
         other = replace(drive, values=drive.values | {name: drive.value(name) * 1.5})
         assert np.abs(run(other, reversals()) - run(drive, reversals())).max() > 1e-6, name
+
+
+@pytest.mark.parametrize("code", [e.code for e in EFFECTS if e.of == "body" and e.code in SMOOTH])
+@pytest.mark.parametrize("body", ["motor", "gear", "arm"])
+def test_an_effect_of_a_body_acts_on_any_of_them(code, body):
+    """What was found on the last body must not be lost when one more is found behind it."""
+    values = {"motor.inertia": 0.6, "gear.inertia": 2.0, "arm.inertia": 3.2, "shaft.stiffness": 3300.0,
+              "shaft.damping": 3.1, "shaft2.stiffness": 6000.0, "shaft2.damping": 4.0, f"{body}.coulomb": 2.0,
+              f"{body}.viscous": 0.5}
+    own = {f"{body}.{n.partition('.')[2]}": v for n, v in SMOOTH[code].items()}
+    drives = (replace(three_mass(), values=values | more) for more in (own, {}))
+    with_it, without = (run(drive, reversals(), (0.0,) * 3, outputs=("motor_speed",)) for drive in drives)
+    assert np.abs(with_it - without).max() > 1e-4
 
 
 @LAWS

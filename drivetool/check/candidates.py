@@ -191,7 +191,7 @@ def _drift(base: Model) -> list[Start]:
 
 def _load_step(base: Model) -> list[Start]:
     body = base.task.drive.bodies[-1]
-    if present(base, f"{body}.step_torque") or len(base.problem.traces) > 1:
+    if present(base, f"{body}.step_torque"):
         return []
     return [added(base, {f"{body}.step_torque": 0.0, f"{body}.step_time": time}, (f"{body}.step_torque",))
             for time in step_times(base)]

@@ -158,29 +158,47 @@ def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 
 
 def step_times(base: Model) -> list[float]:
-    """Instants at which a constant torque would explain the innovations from then on."""
-    phi, gamma, c, gain, size = steady_filter(base)
+    """Instants, the same in every record, at which a constant torque would explain the innovations from then on."""
     z, _, _ = _innovations(base)
-    t, e = base.problem.traces[0], z[0]
-    a = phi @ (np.eye(len(phi)) - np.outer(gain, c))
-    x, shape = np.zeros(len(phi)), np.empty(len(e))
-    for k in range(len(e)):
-        shape[k] = c @ x / size
-        x = a @ x + gamma
-    n = len(e)
-    size_fft = 1 << (2 * n - 1).bit_length()
-    cross = np.fft.irfft(np.fft.rfft(e, size_fft) * np.conj(np.fft.rfft(shape, size_fft)), size_fft)[:n]
-    energy = np.cumsum(shape**2)[::-1]  # of the shape that begins at k and ends with the record
-    margin = max(1, round(EARLY / t.step))
+    step = base.problem.traces[0].step
+    pairs = [(t, e) for t, e in zip(base.problem.traces, z, strict=True) if t.step == step]
+    begin = min(t.origin for t, _ in pairs)
+    starts = [round((t.origin - begin) / step) for t, _ in pairs]
+    n, margin = max(k + t.size for k, (t, _) in zip(starts, pairs, strict=True)), max(1, round(EARLY / step))
+    whole = _step_shape(base, max(t.size for t, _ in pairs))
+    cross, energy, overlap = np.zeros(n), np.zeros(n), np.zeros(n)
+    for first, (t, e) in zip(starts, pairs, strict=True):
+        # Before this stretch begins the torque acts in all of it, after its end in none.
+        for total, own in zip((cross, energy, overlap), _matches(e, whole[:t.size]), strict=True):
+            total[:first] += own[0]
+            total[first:first + t.size] += own
     # A torque from the start on is an idle torque, which the base has: take its share off.
-    spectrum = np.fft.rfft(shape, size_fft)
-    overlap = np.fft.irfft(np.abs(spectrum) ** 2, size_fft)[:n]
     rest = np.maximum(energy - overlap**2 / energy[0], 1e-3 * energy[0])
     scores = (cross - cross[0] * overlap / energy[0]) ** 2 / rest
     inside = scores[margin:n - margin]
     if len(inside) < 10:
         return []
-    return [t.origin + (margin + i) * t.step for i in _apart(inside, margin)[:KEEP]]
+    return [begin + (margin + i) * step for i in _apart(inside, margin)[:KEEP]]
+
+
+def _step_shape(base: Model, size: int) -> np.ndarray:
+    """(size,) whitened innovations that a constant torque leaves from its first sample on."""
+    phi, gamma, c, gain, spread = steady_filter(base)
+    a = phi @ (np.eye(len(phi)) - np.outer(gain, c))
+    x, shape = np.zeros(len(phi)), np.empty(size)
+    for k in range(size):
+        shape[k] = c @ x / spread
+        x = a @ x + gamma
+    return shape
+
+
+def _matches(e: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Per sample k (n,): the product of e and the shape that begins there, its square, that with the one from 0."""
+    n = len(e)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(shape, size)
+    cross = np.fft.irfft(np.fft.rfft(e, size) * np.conj(spectrum), size)[:n]
+    return cross, np.cumsum(shape**2)[::-1], np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
 
 
 def _apart(scores: np.ndarray, distance: int) -> list[int]:

@@ -155,8 +155,8 @@ class Assembly:
 
     def _turns(self) -> bool:
         """Whether a torque depends on the angle."""
-        return any(self._acts(f"{body}.{kind}_{part}") for body, kind in (
-            (self.drive.bodies[0], "ripple"), (self.drive.bodies[-1], "imbalance")) for part in ("sine", "cosine"))
+        return any(self._acts(f"{body}.{kind}_{part}") for body in self.drive.bodies
+                   for kind in ("ripple", "imbalance") for part in ("sine", "cosine"))
 
     def speed(self, body: int) -> int:
         """Column of a body's speed."""

@@ -1,13 +1,12 @@
-"""Imbalance: a weight on the last body that gravity pulls down once per turn."""
+"""Imbalance: a weight on a body that gravity pulls down once per turn."""
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def stamp(assembly, body):
-    """On the last body, at its own angle; a ripple of first order is the same law."""
-    present = assembly.acts(body, "imbalance_sine") or assembly.acts(body, "imbalance_cosine")
-    if body == assembly.n - 1 and present:
+    """At the body's own angle; a ripple of first order is the same law."""
+    if assembly.acts(body, "imbalance_sine") or assembly.acts(body, "imbalance_cosine"):
         parameters = [assembly.of_body(body, s) for s in ("imbalance_sine", "imbalance_cosine")]
         assembly.law("ripple", [*parameters, assembly.number(1.0)], assembly.angle_of(body), body=body)
 
@@ -20,7 +19,7 @@ EFFECT = Effect(
         "imbalance_cosine": Quantity("{T}", "imbalance, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
     },
     stamp=stamp,
-    law="T = a sin(angle) + b cos(angle) on the last body",
+    law="T = a sin(angle) + b cos(angle) of the body",
     needs="several turns of the load; from the motor alone it is the same as a ripple of first order",
     source="Genta 2005, Dynamics of Rotating Systems",
     present=("imbalance_sine", "imbalance_cosine"),

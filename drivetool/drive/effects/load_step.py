@@ -14,8 +14,8 @@ def torque(_, __, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """On the last body."""
-    if body == assembly.n - 1 and assembly.acts(body, "step_torque"):
+    """On the body that it acts on, which need not be the last once a third mass is found behind it."""
+    if assembly.acts(body, "step_torque"):
         parameters = [assembly.of_body(body, s) for s in ("step_torque", "step_time")]
         assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
 

@@ -18,10 +18,10 @@ def torque(angle, _, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """On the motor only: the angle of the first body counts."""
-    if body == 0 and (assembly.acts(0, "ripple_sine") or assembly.acts(0, "ripple_cosine")):
-        parameters = [assembly.of_body(0, s) for s in ("ripple_sine", "ripple_cosine", "ripple_order")]
-        assembly.law("ripple", parameters, assembly.angle_of(0), body=0)
+    """At the body's own angle: that of the motor, where the tool looks for it."""
+    if assembly.acts(body, "ripple_sine") or assembly.acts(body, "ripple_cosine"):
+        parameters = [assembly.of_body(body, s) for s in ("ripple_sine", "ripple_cosine", "ripple_order")]
+        assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
 
 
 EFFECT = Effect(
