@@ -78,14 +78,24 @@ def told(after, scatter=0.0):
 ])
 def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gained, best, against):
     """first has the larger gain per step; gains are stood in for."""
-    scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
+    scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second", ratio=30.0)]
     gains = {"first": first, "second": second}
     search = SimpleNamespace(trained=(), gained=gained, asked={"first", "second"}, model=BASE,
                              gain_between=lambda _, after: gains[after[0].code])
     decision = Decision(scores[0], ("first", "second"), 100.0)
-    found, _, objected = Search._foretelling(search, decision, scores)
+    found, _, objected = Search._foretelling(search, decision, scores, 0.01)
     assert (found.best and found.best.model.code) == best and set(objected) == against
     assert set(found.between) == ({"first", "second"} - against if best else set())
+
+
+def test_what_ties_with_a_cause_that_is_dropped_must_be_found_by_itself():
+    search = SimpleNamespace(trained=(), gained=1e4, asked={"first", "second"}, model=BASE,
+                             gain_between=lambda _, after: told(1.3 if after[0].code == "first" else 0.9))
+    for ratio, best in ((30.0, "second"), (-5.0, None)):
+        scores = [score(300.0, 2.0 * AGREES, code="first"), score(6.0, code="second", ratio=ratio)]
+        decision = Decision(scores[0], ("first", "second"), 100.0)
+        found, _, _ = Search._foretelling(search, decision, scores, 0.01)
+        assert (found.best and found.best.model.code) == best
 
 
 @pytest.mark.parametrize(("blocks", "gained", "frees", "named"), [
@@ -99,7 +109,7 @@ def test_a_small_cause_that_gains_in_one_place_only_is_not_named(blocks, gained,
     only = score(300.0, np.array(blocks, float), code="first", frees=frees)
     search = SimpleNamespace(trained=(), gained=gained, asked={"first"}, model=BASE,
                              gain_between=lambda _, after: told(0.5))
-    found, _, objected = Search._foretelling(search, Decision(only, ("first",), 100.0), [only])
+    found, _, objected = Search._foretelling(search, Decision(only, ("first",), 100.0), [only], 0.01)
     assert (found.best is only) == named and ("first" in objected) != named
 
 
@@ -118,7 +128,7 @@ def test_of_two_as_good_the_one_that_was_asked_for_is_taken():
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
     search = SimpleNamespace(trained=(), gained=0.0, asked={"second"}, model=BASE,
                              gain_between=lambda _, after: told(0.5))
-    found, _, _ = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores)
+    found, _, _ = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores, 0.01)
     assert found.best.model.code == "second" and found.between == ("first", "second")
 
 

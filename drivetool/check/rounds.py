@@ -15,7 +15,7 @@ from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Score, both, folds_of, in_one_place, score
+from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable, without
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
@@ -88,7 +88,7 @@ class Search:
                 decision = decide(scores, budget, self.gained)
                 scores = self._with_doubles(tried, scores, decision)
                 decision = decide(scores, budget, self.gained)
-            decision, stage, against = self._foretelling(decision, scores)
+            decision, stage, against = self._foretelling(decision, scores, budget)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
             results = tuple(replace(r, reason=against.get(r.code, r.reason)) for r in results_of(
@@ -215,17 +215,19 @@ class Search:
                                   pool.map(one, likely), len(likely)))
         return [s for s in scores if s is not None]
 
-    def _foretelling(self, decision: Decision,
-                     scores: Sequence[Score]) -> tuple[Decision, Gain | None, dict[str, str]]:
+    def _foretelling(self, decision: Decision, scores: Sequence[Score],
+                     budget: float) -> tuple[Decision, Gain | None, dict[str, str]]:
         """(the decision without causes that data held out speak against, gain of the best, those and why).
 
         A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one
-        place only, makes up for what they are not exact in.
+        place only, makes up for what they are not exact in. What ties with it must then be found by itself.
         """
         against: dict[str, str] = {}
         tied = [s for s in scores if s.model.code in decision.between]
         # One that was asked for first, where that is as good as one that was not.
         for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
+            if against and total_evidence([s], self.gained) < np.log(1.0 / budget):
+                continue
             stage, code = self.gain_between(self.trained, s.trained), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
