@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.diagnosis import State
-from drivetool.check.model import Model
+from drivetool.check.model import Model, everything, fit
 from drivetool.check.scan import half_gaps, likely_orders, likely_tips, step_times
-from drivetool.check.structure import carried
+from drivetool.check.structure import carried, may_have_tip
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import filtered, minus_log_likelihood
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 
 SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
 WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the record
 EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
+QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
 LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
 
 
@@ -28,11 +29,13 @@ class Start:
 
     amplitudes  of the free names, those whose first guess a linear step gives
     steps       of its first fit; more where that begins far from the base
+    noise       under which that is made; None: the base's
     """
 
     task: Task
     amplitudes: tuple[str, ...]
     steps: int = 5
+    noise: Noise | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,13 @@ def _load_damping(base: Model) -> list[Start]:
 
 
 def _third_mass(base: Model) -> list[Start]:
-    return [Start(task, (), steps=10) for task in likely_tips(base)]
+    if not may_have_tip(base.task.drive):
+        return []
+    # A resonance that the base lacks may pass for torque noise, under which a third mass gains nothing any more.
+    noise = replace(base.noise, ratio=QUIETER * base.noise.ratio)
+    quiet = fit("base", base.task, base.problem, base.point, noise, everything(base.problem), rounds=3, renew=False)
+    return [Start(task, (), 10) for task in likely_tips(base)] + [
+        Start(task, (), 10, noise) for task in likely_tips(quiet)]
 
 
 def _ripple(base: Model) -> list[Start]:

@@ -95,8 +95,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     found = []
     for b in begun:
         try:
-            found.append(fit(candidate.code, b.start.task, b.problem, b.point, base.noise, masks, rounds=1,
-                             renew=False, most=b.start.steps))
+            found.append(_first_fit(candidate.code, b, base, masks))
         except BROKEN as error:
             reason = str(error)
     # Beside the parameters of a base that made up for the cause, its amplitudes may be nowhere near an optimum.
@@ -106,6 +105,14 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
         return Tried(candidate, (), resolved, f"its fit failed: {reason}", "failed")
     promise = max((b.promise for b in begun if np.isfinite(b.promise)), default=0.0)
     return Tried(candidate, tuple(found), resolved, promise=promise)
+
+
+def _first_fit(code: str, begun: Begun, base: Model, masks: Masks) -> Model:
+    """A few steps from a start; where they are made under another noise than the base's, that is fitted after them."""
+    start, quiet = begun.start, begun.start.noise
+    model = fit(code, start.task, begun.problem, begun.point, quiet or base.noise, masks,
+                rounds=3 if quiet else 1, renew=False, most=start.steps)
+    return fit(code, model.task, model.problem, model.point, model.noise, masks, rounds=3) if quiet else model
 
 
 def polished(tried: Tried, masks: Masks) -> Tried:
