@@ -108,7 +108,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
 
 
 def _first_fit(code: str, begun: Begun, base: Model, masks: Masks) -> Model:
-    """A few steps from a start; where they are made under another noise than the base's, that is fitted after them."""
+    """A few steps from a start; where they are made under a noise of its own, that is fitted too after them."""
     start, quiet = begun.start, begun.start.noise
     model = fit(code, start.task, begun.problem, begun.point, quiet or base.noise, masks,
                 rounds=3 if quiet else 1, renew=False, most=start.steps)
