@@ -31,7 +31,7 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
         ("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
         ("third-mass", 50007, {"seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"),
-                               "record": "one-directional", "noise": "loud"}),
+                               "record": "one-directional", "noise": "loud"} | SHORT),
         # In every one of several records.
         ("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT),
         # Spikes of six times the noise, which the neighbours do not give away.

@@ -18,7 +18,7 @@ from drivetool.identify.noise import Noise, excerpt, filtered, fit_ratio, minus_
 from drivetool.identify.problem import Point, Problem
 
 REACH = 2.5  # factor by which a stiffness may be wrong
-LOOKS = 41  # values of it: 2.3 % in frequency apart
+LOOKS = 31  # values of it: 3.1 % in frequency apart
 STEPS = 3  # that the rest takes at each
 MOST = 50_000  # samples looked at
 BEST = 2  # places from which a fit goes on
