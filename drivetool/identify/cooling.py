@@ -137,7 +137,8 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains], samples: int =
             return 0.5 * len(error) * float(np.log(cost)) if 0.0 < cost < np.inf else np.inf
 
         lowest = value(starts[i]) if system.ng else 0.0
-        for spring, reach in zip(system.spring[:, :, 0], system.reach[:, 0], strict=True):
+        # A drive with smooth laws has further columns, for the kernel alone.
+        for spring, reach in zip(system.spring[:, :plant.nx, 0], system.reach[:, 0], strict=True):
             twist = np.flatnonzero(spring)[-1]
             for torque in (0.0, 1.01 * reach, -1.01 * reach):
                 trial = starts[i].copy()

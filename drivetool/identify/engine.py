@@ -76,7 +76,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
 
 def _by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float, most: int) -> Fit:
     """A first fit, through observers that listen less and less to the torque."""
-    point = Point(values_of(start), first_states(start.drive, start.roles, problem.traces))
+    point = Point(values_of(start), first_states(start.drive, start.roles, problem.traces, start.free))
     point, ratio = cooled(problem, linear, point, hot)
     noise = fit_ratio(problem, point, Noise(ratio, None, problem.scale), quick=True)
     return fit_innovations(problem, point, noise, arrived=True, most=most)
@@ -234,10 +234,10 @@ def segment_states(task: Task, traces: Sequence[Trace], hot: float | None = None
     hot  torque noise on every body, over that which moves the output by its sensor noise; None:
          of the motor alone, as the record has it
     """
-    whole = task.problem(free=())
+    whole = task.problem()
+    point = first_point(task.drive, whole, task.roles)
     if len(whole.traces) == len(traces):
-        return first_states(task.drive, task.roles, traces)
-    point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
+        return point.starts
     if hot is None:
         noise = fit_ratio(whole, point, Noise(1.0, None, whole.scale))
     else:

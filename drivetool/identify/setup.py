@@ -105,10 +105,11 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
     """The same problem without gaps and Coulomb friction, which takes the same points."""
     free = tuple(free)
     flat = {n: 0.0 for n in drive.quantities if n.endswith(SWITCHING)}
+    smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
         trial = replaced(drive, free, values)
-        layout = Layout((), roles.inputs, roles.outputs, trace.step, memory, gradient)
+        layout = Layout(smooth, roles.inputs, roles.outputs, trace.step, memory, gradient)
         return plant_of(replace(trial, values={**trial.values, **flat}), layout)
 
     return replace(problem_of(drive, free, roles, traces), build=build)
@@ -129,13 +130,17 @@ def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
     return spread / spread[0]
 
 
-def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
-    """Start states as if every trace began in steady motion."""
-    return tuple(_steady_state(drive, roles, t) for t in traces)
+def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],
+                 free: Sequence[str] = ()) -> tuple[np.ndarray, ...]:
+    """Start states as if every trace began in steady motion.
+
+    free  names of parameters that are fitted: an effect may need a state although it starts from nothing
+    """
+    return tuple(_steady_state(drive, roles, t, free) for t in traces)
 
 
-def _steady_state(drive: Drive, roles: Roles, trace: Trace) -> np.ndarray:
-    layout = Layout((), roles.inputs, roles.outputs, trace.step, gradient=False)
+def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str]) -> np.ndarray:
+    layout = Layout(tuple(free), roles.inputs, roles.outputs, trace.step, gradient=False)
     plain = Assembly(drive, layout)
     x = np.zeros(plain.nx)
     speed = _motor_speed(roles, trace)
@@ -187,7 +192,7 @@ def _motor_speed(roles: Roles, trace: Trace) -> float:
 def first_point(drive: Drive, problem: Problem, roles: Roles) -> Point:
     """The point at the drive's own values."""
     values = np.array([_start_value(drive, n) for n in problem.names])
-    return Point(values, first_states(drive, roles, problem.traces))
+    return Point(values, first_states(drive, roles, problem.traces, problem.names))
 
 
 def _start_value(drive: Drive, name: str) -> float:
