@@ -22,6 +22,7 @@ from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
+from drivetool.check.second_look import second_look
 from drivetool.check.shaft import shaft_fault
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.story import UNEXPLAINED, tell
@@ -81,7 +82,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     search.notes, search.begun = tuple(notes), begun
     if len(free) > len(given[1]):
         search.begin_with(base_model(task_of(mended, *given), search.masks))
-    search.run()
+    search = second_look(search.run())
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search.leave_out(*without_surprises(search.model, mended))
     return tell(search, drive, options)

@@ -171,6 +171,12 @@ def score(model: Model, folds: Sequence[Fold]) -> Score:
                  tuple(trained))
 
 
+def foretold(models: Sequence[Model], folds: Sequence[Fold]) -> float:
+    """-log likelihood of all test samples by what was trained in each fold."""
+    return float(sum(loss[mask].sum() for model, fold in zip(models, folds, strict=True)
+                     for loss, mask in zip(predicted(model, fold), fold.test, strict=True)))
+
+
 def predicted(model: Model, fold: Fold) -> list[np.ndarray]:
     """Per trace (n,) -log likelihood of every sample, noise as the training samples had it."""
     with np.errstate(over="ignore", invalid="ignore"):

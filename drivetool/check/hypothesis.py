@@ -115,6 +115,14 @@ def _first_fit(code: str, begun: Begun, base: Model, masks: Masks) -> Model:
     return fit(code, model.task, model.problem, model.point, model.noise, masks, rounds=3) if quiet else model
 
 
+def also(tried: Tried, end: Model | None) -> Tried:
+    """A cause with one more end that its fit may start from."""
+    if end is None:
+        return tried
+    models = sorted((end, *tried.models), key=lambda m: m.value)[:KEPT]
+    return replace(tried, models=tuple(models), reason="", absent=None)
+
+
 def polished(tried: Tried, masks: Masks) -> Tried:
     """The best ends of a first round fitted to the end."""
     models, ends, reason = tried.models, [], ""

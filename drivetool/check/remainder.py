@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
-from drivetool.check.model import Model
+from drivetool.check.model import Model, everything, spread
+from drivetool.check.preflight import resolution
+from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import filtered
+from drivetool.identify.problem import Problem
 
 LAGS = 20
 PIECE = 0.1  # s over which the size of the innovations is compared
 BINS = 16  # of speed, torque and angle
 SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
+ROUNDED = 1.5  # by which the rounding of a logger may leave more than in a record that is made up
 
 
 @dataclass(frozen=True)
@@ -35,10 +40,54 @@ class Remainder:
 
 
 def remainder(model: Model) -> Remainder:
-    """The remainder of a model over its records, from the first output."""
-    passes = filtered(model.problem, model.point, model.noise)
+    """The remainder of a model over its records, from the first output.
+
+    A logger that rounds leaves errors that repeat where the motion is slow: what it leaves in records of the
+    model itself, logged in the same steps, is no sign of anything else.
+    """
+    found = _left(model, model.problem)
+    steps = [_step_of(model, m) for m in range(model.problem.traces[0].outputs.shape[1])]
+    if found.total == 0.0 or steps[0] == 0.0:
+        return found
+    rounding = _left(model, _logged_again(model, np.array(steps)))
+    return Remainder(*(max(0.0, getattr(found, name) - ROUNDED * getattr(rounding, name))
+                       for name in ("memory", "size", "place")))
+
+
+def _step_of(model: Model, output: int) -> float:
+    """The step in which an output is logged, zero if there is none."""
+    y = np.concatenate([t.outputs[:, output] for t in model.problem.traces])
+    return resolution(y[np.isfinite(y)]) or 0.0
+
+
+def _logged_again(model: Model, steps: np.ndarray) -> Problem:
+    """The records as the model and its noise would give them, logged in steps."""
+    rng = np.random.default_rng(1)
+    problem, noise = model.problem, model.noise
+    passes = filtered(problem, model.point, noise, keep=False)
+    first = np.sqrt(spread(passes, everything(problem)))
+    sensors = np.sqrt(np.maximum((first * noise.scale) ** 2 - steps**2 / 12.0, 0.0))
+    traces = []
+    for trace, start, plant in zip(problem.traces, model.point.starts, problem.plants(model.point.values, False),
+                                   strict=True):
+        torque = noise.ratio * first * rng.standard_normal(trace.size)
+        if noise.memory is not None and noise.slow is None:
+            torque = lfilter([np.sqrt(1.0 - noise.memory**2)], [1.0, -noise.memory], torque)
+        inputs = trace.inputs.copy()
+        inputs[:, 0] += torque
+        clean = plant.outputs(Trace(inputs, trace.outputs, trace.step, trace.name, trace.origin), start)
+        clean += sensors * rng.standard_normal(clean.shape)
+        rounded = np.where(steps > 0.0, np.round(clean / np.where(steps > 0.0, steps, 1.0)) * steps, clean)
+        outputs = np.where(np.isfinite(trace.outputs), rounded, np.nan)
+        traces.append(replace(trace, outputs=outputs))
+    return replace(problem, traces=tuple(traces))
+
+
+def _left(model: Model, problem: Problem) -> Remainder:
+    """The remainder of a model over the records of a problem."""
+    passes = filtered(problem, model.point, model.noise)
     z, torque, speed, lengths = [], [], [], []
-    for f, t in zip(passes, model.problem.traces, strict=True):
+    for f, t in zip(passes, problem.traces, strict=True):
         e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
         good = np.flatnonzero(np.isfinite(e[1:]))
         z.append(e[1 + good])

@@ -16,7 +16,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
-from drivetool.check.hypothesis import TRIFLE, Tried, as_special_case, attempt, polished, sizeable, without
+from drivetool.check.hypothesis import TRIFLE, Tried, also, as_special_case, attempt, polished, sizeable, without
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, remainder
@@ -50,7 +50,8 @@ class Search:
         self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
         self.asked, self.unasked, self.possible = frozenset(wanted), "", frozenset(CAUSES)
         self.masks, self.train = fitted_samples(samples), tuple(train)
-        self._stand_on(base)
+        self.origin = base
+        self.stand_on(base)
         self.first_folds = self.folds
         self.notes: tuple[Finding, ...] = ()
         self.begun: Mapping[str, float] = {}
@@ -61,8 +62,9 @@ class Search:
         self.rounds: list[Round] = []
         self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
+        self.ends: Mapping[str, Model] = {}
 
-    def _stand_on(self, model: Model) -> None:
+    def stand_on(self, model: Model) -> None:
         """Make a model the base of what comes: `bases` under every noise that is possible for it, and the folds."""
         self.model, self.bases = model, both(model, self.masks)
         self.folds = folds_of(self.bases, self.samples)
@@ -73,9 +75,8 @@ class Search:
 
     def run(self) -> Search:
         """All rounds, until nothing more is found."""
-        budget = self.options.error_budget
-        for number in range(self.options.rounds + 1):
-            budget *= 0.5
+        for number in range(len(self.rounds), self.options.rounds + 1):
+            budget = self.options.error_budget * 0.5 ** (number + 1)
             tried = self._attempt()
             if number == 0 and strayed(self.model, self.begun):
                 tried = self._afresh(tried)
@@ -103,7 +104,7 @@ class Search:
             self.left = remainder(self.model)
             if stage is None:
                 break
-            self._stand_on(self.model)
+            self.stand_on(self.model)
         self._drop_needless()
         return self
 
@@ -130,6 +131,7 @@ class Search:
         with ThreadPoolExecutor(WORKERS) as pool:
             tried = list(counted(f"round {len(self.rounds) + 1}: causes tried", pool.map(
                 lambda c: attempt(c, stand, self.masks, before.get(c.code)), among), len(among)))
+            tried = [also(t, self.ends.get(t.candidate.code)) for t in tried]
             likely = self._likely(tried, promised=True, over=stand)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
                              pool.map(lambda t: polished(t, self.masks), likely), len(likely))
@@ -166,7 +168,7 @@ class Search:
                 self.model = trial
         if self.model.value > before - TRIFLE:
             return False
-        self._stand_on(self.model)
+        self.stand_on(self.model)
         return True
 
     def _under_other_noise(self, model: Model) -> Model:

@@ -55,7 +55,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     linear = task.linear_problem()
 
     def descend(start: Task, way: str, hot: float, lowest: float) -> tuple[float, Fit, Task]:
-        fit = _by_cooling(start, problem, linear if way == "linear" else None, hot, SCREEN)
+        fit = by_cooling(start, problem, linear if way == "linear" else None, hot, SCREEN)
         if not fit.converged and fit.value < lowest + HOPEFUL:
             fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
         return fit.value, fit, task.at_point(fit.point)
@@ -74,7 +74,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
 
 
-def _by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float, most: int) -> Fit:
+def by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float, most: int) -> Fit:
     """A first fit, through observers that listen less and less to the torque."""
     point = Point(values_of(start), first_states(start.drive, start.roles, problem.traces, start.free))
     point, ratio = cooled(problem, linear, point, hot)
@@ -130,7 +130,7 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
             best = min(fits, key=lambda f: f.value)
             if looks_coloured(filtered(problem, best.point, best.noise, keep=False)):
                 # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
-                fits.append(_by_cooling(start, problem, None, 10.0, most))
+                fits.append(by_cooling(start, problem, None, 10.0, most))
                 tried.append({"way": "cooled", **{k: float(v) for k, v in values.items()}})
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
