@@ -1,56 +1,81 @@
-"""A second look where a search ends in doubt: whether a gap beside another law foretells better."""
+"""A second look where a search ends in doubt: do descents from where the base began foretell better?"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 
+import numpy as np
+
 from drivetool.check.afresh import at_start, strayed
-from drivetool.check.beside_gap import GAP, Pair, beside_a_gap
 from drivetool.check.candidates import torque_size
 from drivetool.check.decide import decide
+from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round
 from drivetool.check.heldout import foretold, score
-from drivetool.check.model import sensor_std
+from drivetool.check.model import Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
 from drivetool.check.rounds import SPOILT, Search
 from drivetool.check.sentence import taken_for_noise
 
-LOUD = 2.0  # sensor noises of error in free runs, from which a large torque noise is looked at again
-BENT = 1.5  # by which a base that makes up for two laws leaves its start
+LOUD = 1.5  # sensor noises of error in free runs, from which an unlikely torque noise is looked at again
+BENT = 1.5  # by which a base that makes up for a law leaves its start
+LEAD = 20.0  # log likelihood by which what is found must lead
+SAME = "hardening-stiffness"  # a gap by another name
 TOGETHER = "by itself it does not show; found together with the cause of the next round"
+
+Ends = Mapping[str, Model]  # cause -> where its descents ended
 
 
 def second_look(search: Search) -> Search:
-    """The search, or one that begins with a gap, where the first ended in doubt and the other foretells better."""
+    """The search, or another one that begins with what descents found, if that foretells better."""
     if not doubtful(search):
         return search
-    stand = search.origin
+    stand, train, masks = search.origin, search.train, search.masks
     if strayed(stand, search.begun, BENT):
-        stand = at_start(stand, search.begun, search.masks)
-    pair = beside_a_gap(stand, search.asked, search.train, search.masks, search.model.value)
-    if pair is None:
+        stand = at_start(stand, search.begun, masks)
+    single: Ends = _rested(descended(stand, search.asked, train, masks), masks)
+    beside: Ends = {}
+    if GAP in single:
+        beside = _rested(descended(with_gap(stand, single[GAP]), search.asked - {GAP, SAME}, train, masks), masks)
+    least = min(search.model.value, _least(single))
+    if least - LEAD < _least(beside) and search.model.value - LEAD < _least(single):
         return search
     other = _from_the_start(search)
     folds = other.folds
-    _begin_with(other, pair, search.rounds[0])
+    taken = _least(beside) < least - LEAD
+    if taken:
+        _begin_with_gap(other, beside, search.rounds[0])
+    else:
+        other.ends = single
     other.run()
-    found = score(other.model, folds)
-    decision = decide([found], search.options.error_budget)
-    if decision.best is None or GAP not in other.causes or len(other.causes) < 2:
+    if len(other.causes) <= taken or foretold(other.trained, folds) > foretold(search.trained, folds):
         return search
-    if foretold(other.trained, folds) > foretold(search.trained, folds):
+    decision = decide([score(other.model, folds)], search.options.error_budget)
+    if decision.best is None:
         return search
-    other.evidence[GAP] = decision.evidence
+    if taken and GAP in other.causes:
+        other.evidence[GAP] = decision.evidence
     return other
 
 
 def doubtful(search: Search) -> bool:
-    """Whether the outcome leaves much, hides it in an unlikely noise of the torque, or spoils the free runs."""
+    """Whether the outcome leaves much, spoils the free runs, or hides much in an unlikely noise of the torque."""
     gain, model = search.total_gain(), search.model
-    share = model.noise.ratio * sensor_std(model) / torque_size(search.first)
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
+    share = model.noise.ratio * sensor_std(model) / torque_size(search.first)
     return bool(search.causes and not search.confident) or spoilt or taken_for_noise(gain, share, LOUD)
+
+
+def _rested(ends: Ends, masks) -> Ends:
+    """The ends, the likeliest fitted until it moves no more."""
+    first = min(ends, key=lambda code: ends[code].value, default=None)
+    return {**ends, first: at_rest(ends[first], masks)} if first else {}
+
+
+def _least(ends: Ends) -> float:
+    return min((m.value for m in ends.values()), default=np.inf)
 
 
 def _from_the_start(search: Search) -> Search:
@@ -63,23 +88,25 @@ def _from_the_start(search: Search) -> Search:
     return other
 
 
-def _begin_with(search: Search, pair: Pair, first: Round) -> None:
-    """Take the gap of a pair for found; what it shows beside is to be found by the rounds.
+def _begin_with_gap(search: Search, beside: Ends, first: Round) -> None:
+    """Take a gap for found; what it shows beside is to be found by the rounds.
 
-    first  round of the search before, whose other causes are worse now
+    beside  causes beside the gap
+    first   round of the search before, whose other causes are worse now
     """
-    found = score(pair.gap, search.folds)
+    gap = gap_alone(min(beside.values(), key=lambda m: m.value), search.origin, search.masks)
+    found = score(gap, search.folds)
     stage = search.gain_between(search.trained, found.trained)
     lines = [_turned_down(c) for c in first.candidates if c.code != GAP]
     law = next((c.law for c in first.candidates if c.code == GAP), "")
     own = CandidateResult(GAP, law, "named", found.gain, found.gain_std, reason=TOGETHER)
     search.rounds.append(Round(GAP, (own, *lines), stage))
     search.causes.append(GAP)
-    search.added[GAP] = tuple(n for n in pair.gap.task.free if n not in search.model.task.free)
+    search.added[GAP] = tuple(n for n in gap.task.free if n not in search.model.task.free)
     search.gained = max(found.gain, 0.0)
-    search.trained, search.ends = found.trained, pair.further
-    search.left = remainder(pair.gap)
-    search.stand_on(pair.gap)
+    search.trained, search.ends = found.trained, beside
+    search.left = remainder(gap)
+    search.stand_on(gap)
 
 
 def _turned_down(line: CandidateResult) -> CandidateResult:

@@ -15,7 +15,7 @@ from tests.simulator.fast import PI
 from tests.simulator.machine import State, running
 
 STEP = 1e-3
-KINDS = ("reversing", "one-directional", "closed-loop")
+KINDS = ("reversing", "one-directional", "closed-loop", "moves", "cruise", "chirp", "binary", "steps")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,10 @@ def profile(kind: str, rig: Rig, seed: int) -> Profile:
     """One experiment.
 
     kind    "reversing": open loop, fast and slow reversals, a preload sweep, broadband torque;
-            "one-directional": open loop, levels of one sign; "closed-loop": speed controller
+            "one-directional": open loop, levels of one sign; "closed-loop": speed controller.
+            Less careful: "moves" from stop to stop and "cruise" between speeds of one sign, under a speed
+            controller, with nothing added; a slow sine of the speed with a "chirp" or with "binary" torque;
+            "steps" of torque
     raises  ValueError: another kind
     """
     if kind not in KINDS:
@@ -45,6 +48,15 @@ def profile(kind: str, rig: Rig, seed: int) -> Profile:
     size = round(rig.duration / STEP)
     if kind == "closed-loop":
         return _closed(rig, rng, size)
+    if kind in ("moves", "cruise"):
+        return _under_control(rig, _stops(rig, rng, size, kind == "cruise"), np.zeros(size), rng)
+    if kind == "steps":
+        return Profile(_rounded(rig, _steps(rig, rng, size)), None, running(rig.machine, 0.0))
+    if kind in ("chirp", "binary"):
+        speed = _swaying(rig, rng, size)
+        extra = _chirp(rig, size) if kind == "chirp" else _binary(rig, rng, size)
+        torque = _follow(rig, speed) + 0.08 * rig.rated * extra
+        return Profile(_rounded(rig, torque), None, running(rig.machine, float(speed[0])))
     speed, strength = (_reversing if kind == "reversing" else _upward)(rig, rng, size)
     torque = _follow(rig, speed) + strength * rig.rated * _broadband(rig, rng, size)
     return Profile(_rounded(rig, torque), None, running(rig.machine, float(speed[0])))
@@ -127,3 +139,62 @@ def _closed(rig: Rig, rng, size: int) -> Profile:
     start = running(rig.machine, 0.0)
     pi = PI(reference, gain, rng.uniform(1.0, 4.0) * gain, start.torque, rig.rated)
     return Profile(_rounded(rig, dither), pi, start)
+
+
+def _under_control(rig: Rig, reference: np.ndarray, extra: np.ndarray, rng) -> Profile:
+    """A reference under a speed controller."""
+    gain = rng.uniform(4.0, 10.0) * sum(rig.machine.inertia)
+    start = running(rig.machine, float(reference[0]))
+    return Profile(_rounded(rig, extra), PI(reference, gain, rng.uniform(1.0, 4.0) * gain, start.torque, rig.rated),
+                   start)
+
+
+def _stops(rig: Rig, rng, size: int, cruise: bool) -> np.ndarray:
+    """(n,) speed with limited jerk: levels and stops between them, or levels of one sign."""
+    level = rig.top if cruise else 0.0
+    knots, values = [0.0, 0.2], [level, level]
+
+    def go(target, pause):
+        length = max(abs(target - values[-1]) / (rng.uniform(0.4, 1.2) * 1.2 * rig.top), 0.05)
+        knots.extend([knots[-1] + length, knots[-1] + length + pause])
+        values.extend([target, target])
+
+    while knots[-1] < size * STEP:
+        share = rng.choice([0.2, 0.5, 0.8, 1.0])
+        go(level + share * rig.top * (1.0 if cruise else rng.choice([-1.0, 1.0])), rng.uniform(0.1, 0.6))
+        if not cruise:
+            go(0.0, rng.uniform(0.2, 0.6))
+    speed = np.interp(np.arange(size) * STEP, knots, values)
+    jerk = round(0.02 / STEP)
+    return np.convolve(np.concatenate((np.full(jerk, speed[0]), speed)), np.ones(jerk) / jerk)[jerk:jerk + size]
+
+
+def _steps(rig: Rig, rng, size: int) -> np.ndarray:
+    """(n,) torque in steps that turn the machine back and forth."""
+    m, torque, speed, done = rig.machine, np.zeros(size), 0.0, 0
+    while done < size:
+        count = round(rng.uniform(0.05, 0.5) / STEP)
+        level = rng.choice([0.0, 0.1, 0.2, 0.4, 0.7]) * rig.rated * (-1.0 if speed > 0.0 else 1.0)
+        torque[done:done + count] = level + sum(m.idle_torque) + sum(m.coulomb) * np.sign(speed)
+        speed += level * count * STEP / sum(m.inertia)
+        done += count
+    return torque
+
+
+def _swaying(rig: Rig, rng, size: int) -> np.ndarray:
+    """(n,) a slow sine of the speed, at times beside a level."""
+    phase = 2.0 * np.pi * rng.uniform(0.1, 0.3) * np.arange(size) * STEP + rng.uniform(0.0, 2.0 * np.pi)
+    return rig.top * (0.7 * np.sin(phase) + (1.0 if rng.uniform() < 0.3 else 0.0))
+
+
+def _chirp(rig: Rig, size: int) -> np.ndarray:
+    """(n,) sines from a fifth of the resonance to four times that, every four seconds."""
+    low, high, period = 0.2 * rig.resonance, min(4.0 * rig.resonance, 0.4 / STEP), 4.0
+    time = np.mod(np.arange(size) * STEP, period)
+    return np.sin(2.0 * np.pi * low * period / np.log(high / low) * ((high / low) ** (time / period) - 1.0))
+
+
+def _binary(rig: Rig, rng, size: int) -> np.ndarray:
+    """(n,) plus or minus one, held for a sixth of the resonance's period."""
+    hold = max(1, round(1.0 / (6.0 * rig.resonance * STEP)))
+    return np.repeat(rng.choice([-1.0, 1.0], size // hold + 1), hold)[:size]
