@@ -1,8 +1,8 @@
 """Causes by descents: observers that cool (identify/cooling.py), begun where the base once began.
 
-A base that lacks a law bends its parameters to make up for it and takes the rest for noise of the torque. Under so
-loud a noise no law gains much, and from so bent a base none is reached. Worst is a gap beside another law, for while
-that is missing the contacts come at wrong times: neither shows alone, both together do.
+A base that lacks a law bends its parameters to make up for it and takes the rest for noise of the torque. Under
+so loud a noise no law gains much, and from so bent a base none is reached. Worst is a gap beside another law, for
+while that is missing the contacts come at wrong times: neither shows alone, both together do.
 """
 
 from __future__ import annotations

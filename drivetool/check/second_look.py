@@ -21,6 +21,7 @@ from drivetool.check.sentence import taken_for_noise
 
 LOUD = 1.5  # sensor noises of error in free runs, from which an unlikely torque noise is looked at again
 BENT = 1.5  # by which a base that makes up for a law leaves its start
+CLOSED = 0.01  # of the twist that the torque makes: a gap that is none
 LEAD = 20.0  # log likelihood by which what is found must lead
 SAME = "hardening-stiffness"  # a gap by another name
 TOGETHER = "by itself it does not show; found together with the cause of the next round"
@@ -37,7 +38,7 @@ def second_look(search: Search) -> Search:
         stand = at_start(stand, search.begun, masks)
     single: Ends = _rested(descended(stand, search.asked, train, masks), masks)
     beside: Ends = {}
-    if GAP in single:
+    if GAP in single and _open(single[GAP]):
         beside = _rested(descended(with_gap(stand, single[GAP]), search.asked - {GAP, SAME}, train, masks), masks)
     least = min(search.model.value, _least(single))
     if least - LEAD < _least(beside) and search.model.value - LEAD < _least(single):
@@ -65,7 +66,17 @@ def doubtful(search: Search) -> bool:
     gain, model = search.total_gain(), search.model
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
     share = model.noise.ratio * sensor_std(model) / torque_size(search.first)
-    return bool(search.causes and not search.confident) or spoilt or taken_for_noise(gain, share, LOUD)
+    if search.causes and not search.confident:
+        return True
+    # Where nothing was found and one-step errors are white, that noise is one.
+    return bool(search.causes or search.left.total > 0.0) and (spoilt or taken_for_noise(gain, share, LOUD))
+
+
+def _open(gap: Model) -> bool:
+    """Whether a descent has left a gap open at all."""
+    drive, size = gap.fitted.drive, torque_size(gap)
+    return any((drive.value(f"{s}.half_gap") or 0.0) * drive.value(f"{s}.stiffness") > CLOSED * size
+               for s in drive.shafts)
 
 
 def _rested(ends: Ends, masks) -> Ends:
