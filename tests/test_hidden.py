@@ -43,6 +43,22 @@ def test_rigs_are_what_they_are_said_to_be():
 
 
 @pytest.mark.parametrize("seed", [1, 6])
+def test_less_careful_experiments_are_what_they_are_called(seed):
+    rig = rig_by_seed(seed)
+    plans = {kind: profile(kind, rig, seed) for kind in ("moves", "cruise", "chirp", "binary", "steps")}
+    runs = {kind: simulate_fast(rig.machine, plan.torque, STEP, plan.start, plan.controller)
+            for kind, plan in plans.items()}
+    speeds = {kind: run.speeds[:, 0] for kind, run in runs.items()}
+    for kind, found in runs.items():
+        assert len(found.command) == 12000 and np.abs(found.command).max() < 2.0 * rig.rated, kind
+        assert np.ptp(speeds[kind]) > 0.3 * rig.top, kind
+    assert speeds["moves"].min() < 0.0 < speeds["moves"].max() and speeds["cruise"].min() > 0.0
+    assert np.mean(np.abs(speeds["moves"]) < 0.05 * rig.top) > 0.15
+    assert np.all(plans["moves"].torque == 0.0) and plans["chirp"].controller is None
+    assert speeds["steps"].min() < 0.0 < speeds["steps"].max()
+
+
+@pytest.mark.parametrize("seed", [1, 6])
 def test_experiments_do_what_they_are_for(seed):
     rig = rig_by_seed(seed)
     runs = {}

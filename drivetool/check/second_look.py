@@ -19,6 +19,7 @@ from drivetool.check.remainder import remainder
 from drivetool.check.rounds import SPOILT, Search
 from drivetool.check.sentence import taken_for_noise
 
+MOST = 2  # bodies: with three, descents take minutes
 LOUD = 1.5  # sensor noises of error in free runs, from which an unlikely torque noise is looked at again
 BENT = 1.5  # by which a base that makes up for a law leaves its start
 CLOSED = 0.01  # of the twist that the torque makes: a gap that is none
@@ -31,7 +32,7 @@ Ends = Mapping[str, Model]  # cause -> where its descents ended
 
 def second_look(search: Search) -> Search:
     """The search, or another one that begins with what descents found, if that foretells better."""
-    if not doubtful(search):
+    if len(search.origin.task.drive.bodies) > MOST or not doubtful(search):
         return search
     stand, train, masks = search.origin, search.train, search.masks
     if strayed(stand, search.begun, BENT):
