@@ -62,7 +62,7 @@ class Search:
         self.rounds: list[Round] = []
         self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
-        self.ends: Mapping[str, Model] = {}
+        self.ends: Mapping[str, Model] = {}  # further ends of fits, from which the next round may start
 
     def stand_on(self, model: Model) -> None:
         """Make a model the base of what comes: `bases` under every noise that is possible for it, and the folds."""
@@ -248,6 +248,7 @@ class Search:
         elif len(decision.between) > 1:
             self.between = (*self.between, *decision.between)
         self.causes.append(code)
+        self.ends = {}  # they lack what is adopted now
         self.evidence[code] = decision.evidence
         self.gained += best.gain
         self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)

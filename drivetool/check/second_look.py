@@ -14,6 +14,7 @@ from drivetool.check.decide import decide
 from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round
 from drivetool.check.heldout import foretold, score
+from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
 from drivetool.check.rounds import SPOILT, Search
@@ -34,6 +35,14 @@ def second_look(search: Search) -> Search:
     """The search, or another one that begins with what descents found, if that foretells better."""
     if len(search.origin.task.drive.bodies) > MOST or not doubtful(search):
         return search
+    try:
+        return _looked_again(search)
+    except BROKEN:  # a fit that fails takes nothing down: what was found first stands
+        return search
+
+
+def _looked_again(search: Search) -> Search:
+    """The search, or the other one."""
     stand, train, masks = search.origin, search.train, search.masks
     if strayed(stand, search.begun, BENT):
         stand = at_start(stand, search.begun, masks)
