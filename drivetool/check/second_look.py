@@ -73,13 +73,14 @@ def _looked_again(search: Search) -> Search:
 
 def doubtful(search: Search) -> bool:
     """Whether the outcome leaves much, spoils the free runs, or hides much in an unlikely noise of the torque."""
+    if search.causes and not search.confident:
+        return True
+    if not search.causes and search.left.total == 0.0:  # one-step errors are white: that noise is one
+        return False
     gain, model = search.total_gain(), search.model
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
     share = model.noise.ratio * sensor_std(model) / torque_size(search.first)
-    if search.causes and not search.confident:
-        return True
-    # Where nothing was found and one-step errors are white, that noise is one.
-    return bool(search.causes or search.left.total > 0.0) and (spoilt or taken_for_noise(gain, share, LOUD))
+    return spoilt or taken_for_noise(gain, share, LOUD)
 
 
 def _open(gap: Model) -> bool:
