@@ -10,7 +10,7 @@ import yaml
 from scipy.signal import lfilter
 
 from drivetool.errors import BadOption, BadParameters
-from drivetool.identify.engine import Task
+from drivetool.identify.engine import Task, free_run
 from drivetool.identify.greybox import greybox
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.options import Options
@@ -195,3 +195,13 @@ def test_a_linear_fit_that_went_astray_comes_in_another_way(tmp_path):
     for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
         assert abs(found[name]["value"] - truth[name]) < 4.0 * found[name]["std"], name
         assert found[name]["std"] < 0.02 * truth[name]
+
+
+def test_a_free_run_begins_at_its_first_guess_where_the_filter_runs_away():
+    """Noise that no number holds leaves gains that are none; the run itself needs no filter."""
+    record, values = linear_record(MACHINE, 51, 1.0), truth(MACHINE)
+    drive = start(0.0).with_values(values)
+    task = Task(drive, (), Roles(("motor_torque",), ("motor_speed",)), (record,))
+    problem = task.problem(free=())
+    _, point, runs = free_run(task, noise=Noise(1e153, None, problem.scale))
+    assert np.isfinite(point.starts[0]).all() and np.isfinite(runs[0]).all()

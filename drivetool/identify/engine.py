@@ -280,6 +280,12 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | N
 
 
 def smoothed_starts(problem: Problem, point: Point, noise: Noise) -> tuple[np.ndarray, ...]:
-    """Start states by the innovations fit of the start states alone."""
-    gains = [f.gains for f in filtered(problem, point, noise)]
-    return solve(problem, point, gains, most=10).point.starts
+    """Start states by the innovations fit of the start states alone; the point's where its filter runs away."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        gains = [f.gains for f in filtered(problem, point, noise)]
+    if not all(np.isfinite(g.gain).all() and np.isfinite(g.weight).all() for g in gains):
+        return point.starts
+    try:
+        return solve(problem, point, gains, most=10).point.starts
+    except np.linalg.LinAlgError:
+        return point.starts
