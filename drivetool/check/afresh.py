@@ -15,7 +15,10 @@ from drivetool.identify.cooling import BOX, SHAPE
 
 
 def strayed(base: Model, begun: Mapping[str, float], far: float = BOX) -> bool:
-    """Whether an inertia, stiffness, damping or gap has left its start by more than a start can be wrong."""
+    """Whether an inertia, stiffness, damping or gap has left its start by more than a start can be wrong.
+
+    far  factor by which
+    """
     values = zip(base.task.free, base.point.values, strict=True)
     return any(n.endswith(SHAPE) and not begun[n] / far < value < begun[n] * far
                for n, value in values if begun.get(n, 0.0) > 0.0)

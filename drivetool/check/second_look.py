@@ -54,16 +54,16 @@ def _looked_again(search: Search) -> Search:
     if least - LEAD < _least(beside) and search.model.value - LEAD < _least(single):
         return search
     other = _from_the_start(search)
-    folds = other.folds
+    folds, budget = other.folds, other.options.error_budget
     taken = _least(beside) < least - LEAD
     if taken:
         _begin_with_gap(other, beside, search.rounds[0])
     else:
         other.ends = single
     other.run()
-    if len(other.causes) <= taken or foretold(other.trained, folds) > foretold(search.trained, folds):
+    if len(other.causes) <= taken or not foretold(other.trained, folds) < foretold(search.trained, folds):
         return search
-    decision = decide([score(other.model, folds)], search.options.error_budget)
+    decision = decide([score(other.model, folds)], budget)
     if decision.best is None:
         return search
     if taken and GAP in other.causes:
@@ -101,8 +101,10 @@ def _least(ends: Ends) -> float:
 
 
 def _from_the_start(search: Search) -> Search:
-    """The same search before its first round."""
+    """The same search before its first round, with what its rounds have left of the error budget."""
     other = copy(search)
+    left = search.options.error_budget * 0.5 ** len(search.rounds)
+    other.options = replace(search.options, error_budget=left)
     other.causes, other.rounds, other.evidence, other.added, other.between = [], [], {}, {}, ()
     other.faults, other.unasked, other.gained = list(search.faults), "", 0.0
     other.stand_on(search.origin)
@@ -121,7 +123,7 @@ def _begin_with_gap(search: Search, beside: Ends, first: Round) -> None:
     stage = search.gain_between(search.trained, found.trained)
     lines = [_turned_down(c) for c in first.candidates if c.code != GAP]
     law = next((c.law for c in first.candidates if c.code == GAP), "")
-    own = CandidateResult(GAP, law, "named", found.gain, found.gain_std, reason=TOGETHER)
+    own = CandidateResult(GAP, law, "named", reason=TOGETHER)  # what it gains by itself says nothing
     search.rounds.append(Round(GAP, (own, *lines), stage))
     search.causes.append(GAP)
     search.added[GAP] = tuple(n for n in gap.task.free if n not in search.model.task.free)

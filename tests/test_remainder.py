@@ -1,0 +1,46 @@
+"""What a model leaves in one-step errors, where the logger rounds and where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.model import Model, everything, fit, spread
+from drivetool.check.remainder import _left, _logged_again, remainder
+from drivetool.identify.noise import filtered
+from drivetool.identify.problem import Point
+from tests.recover import one_sensor
+
+
+def rounded(seed: int, share: float) -> tuple[Model, float]:
+    """(a right model of a record that is logged in steps, the step); share: of the largest speed."""
+    model, _ = one_sensor(seed)
+    step = share * max(np.abs(t.outputs).max() for t in model.problem.traces)
+    traces = tuple(replace(t, outputs=np.round(t.outputs / step) * step) for t in model.problem.traces)
+    problem = replace(model.problem, traces=traces)
+    return fit("base", model.task, problem, model.point, model.noise, everything(problem)), step
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_records_made_up_by_a_model_have_the_noise_that_it_was_fitted_with(seed):
+    model, step = rounded(seed, 0.02)
+    made = _logged_again(model, np.array([step]))
+    y = made.traces[0].outputs
+    np.testing.assert_allclose(y, np.round(y / step) * step, atol=1e-9 * step)
+    masks = everything(made)
+    std = [np.sqrt(spread(filtered(p, model.point, model.noise, keep=False), masks)) for p in (model.problem, made)]
+    assert std[1] == pytest.approx(std[0], rel=0.1)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(2, 0.02), (7, 0.05)])
+def test_rounding_alone_leaves_nothing_and_a_wrong_model_something(seed, share):
+    """Steps coarse enough to repeat, yet not so coarse that the torque noise takes them for itself."""
+    model, _ = rounded(seed, share)
+    assert _left(model, model.problem).total > 100.0 and remainder(model).total == 0.0
+    stiff = model.task.free.index("shaft.stiffness")
+    values = model.point.values.copy()
+    values[stiff] *= 1.3
+    wrong = replace(model, point=Point(values, model.point.starts))
+    assert remainder(wrong).total > 1000.0
