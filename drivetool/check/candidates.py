@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Model, everything, fit
-from drivetool.check.scan import half_gaps, likely_orders, likely_tips, step_times
+from drivetool.check.scan import half_gaps, likely_orders, likely_tips, load_steps
 from drivetool.check.structure import carried, may_have_tip
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
@@ -202,8 +202,9 @@ def _load_step(base: Model) -> list[Start]:
     body = base.task.drive.bodies[-1]
     if present(base, f"{body}.step_torque"):
         return []
-    return [added(base, {f"{body}.step_torque": 0.0, f"{body}.step_time": time}, (f"{body}.step_torque",))
-            for time in step_times(base)]
+    torque, time, record = (f"{body}.{name}" for name in ("step_torque", "step_time", "step_record"))
+    return [added(base, {torque: 0.0, time: instant, record: number}, (torque,), held=(record,))
+            for instant, number in load_steps(base)]
 
 
 def _dead_time(base: Model) -> list[Start]:

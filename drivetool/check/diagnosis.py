@@ -40,7 +40,7 @@ class CandidateResult:
     evidence   log10 of one over the share of records without any cause on which as much would be found
     smallest   smallest size that this record would have shown, by parameter, in its unit; None: unknown
     parameters its values on the whole record, with intervals
-    reason     in words, where there is no gain to state
+    reason     in words: why there is no gain to state, or where it was seen
     """
 
     code: str

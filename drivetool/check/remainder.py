@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 
 from drivetool.check.model import Model, everything, spread
 from drivetool.check.preflight import resolution
-from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Problem
 
@@ -75,7 +74,7 @@ def _logged_again(model: Model, steps: np.ndarray) -> Problem:
             torque = lfilter([np.sqrt(1.0 - noise.memory**2)], [1.0, -noise.memory], torque)
         inputs = trace.inputs.copy()
         inputs[:, 0] += torque
-        clean = plant.outputs(Trace(inputs, trace.outputs, trace.step, trace.name, trace.origin), start)
+        clean = plant.outputs(replace(trace, inputs=inputs), start)
         clean += sensors * rng.standard_normal(clean.shape)
         rounded = np.where(steps > 0.0, np.round(clean / np.where(steps > 0.0, steps, 1.0)) * steps, clean)
         outputs = np.where(np.isfinite(trace.outputs), rounded, np.nan)

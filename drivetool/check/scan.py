@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from drivetool.check.model import Model, everything, judge
 from drivetool.check.structure import carried, may_have_tip, tip_names, with_tip
 from drivetool.drive.linearise import state_space
+from drivetool.drive.simulate import Trace
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import schur
@@ -157,11 +159,26 @@ def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return phi, gamma, c, p @ c / variance, float(np.sqrt(variance))
 
 
-def step_times(base: Model) -> list[float]:
-    """Instants, the same in every record, at which a constant torque would explain the innovations from then on."""
+def load_steps(base: Model) -> list[tuple[float, int]]:
+    """(instant [s], number of the record, or 0 for each) at which a constant torque explains innovations best."""
     z, _, _ = _innovations(base)
     step = base.problem.traces[0].step
     pairs = [(t, e) for t, e in zip(base.problem.traces, z, strict=True) if t.step == step]
+    numbers = dict.fromkeys(t.record for t, _ in pairs)
+    found = [(time, 0) for _, time in _step_times(base, pairs)]
+    if len(numbers) > 1:
+        alone = [(*each, number) for number in numbers
+                 for each in _step_times(base, [p for p in pairs if p[0].record == number])]
+        found += [(time, number) for _, time, number in sorted(alone, reverse=True)[:KEEP]]
+    return found
+
+
+def _step_times(base: Model, pairs: Sequence[tuple[Trace, np.ndarray]]) -> list[tuple[float, float]]:
+    """(what it explains, instant [s]) of the best instants, the same in all these stretches.
+
+    pairs  stretch, (n,) whitened innovations
+    """
+    step = pairs[0][0].step
     begin = min(t.origin for t, _ in pairs)
     starts = [round((t.origin - begin) / step) for t, _ in pairs]
     n, margin = max(k + t.size for k, (t, _) in zip(starts, pairs, strict=True)), max(1, round(EARLY / step))
@@ -178,7 +195,7 @@ def step_times(base: Model) -> list[float]:
     inside = scores[margin:n - margin]
     if len(inside) < 10:
         return []
-    return [begin + (margin + i) * step for i in _apart(inside, margin)[:KEEP]]
+    return [(float(inside[i]), begin + (margin + i) * step) for i in _apart(inside, margin)[:KEEP]]
 
 
 def _step_shape(base: Model, size: int) -> np.ndarray:

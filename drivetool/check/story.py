@@ -60,8 +60,16 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         else:
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std,
-                total_evidence([s], gained) / float(np.log(10.0)), sizes, values_of(s.model, base)))
+                total_evidence([s], gained) / float(np.log(10.0)), sizes, values_of(s.model, base),
+                _only_in(s.model)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def _only_in(model: Model) -> str:
+    """Which record alone has an event that happened once, if there are others."""
+    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(".step_record") and v > 0.0}
+    names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
+    return f"Only {', '.join(names)} has it." if names else ""
 
 
 def _visible(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:

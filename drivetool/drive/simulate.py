@@ -21,6 +21,7 @@ class Trace:
     step     sample interval [s]
     name     of the recording
     origin   time of its first sample after the start of the recording [s]
+    record   number by which its recording is known
     """
 
     inputs: np.ndarray
@@ -28,6 +29,7 @@ class Trace:
     step: float
     name: str = ""
     origin: float = 0.0
+    record: int = 0
 
     def __post_init__(self):
         for name in ("inputs", "outputs"):  # the kernel walks along the rows

@@ -44,7 +44,8 @@ def finding_of(found: CandidateResult) -> tuple[str, str, str]:
     told = [size_of(p) for p in told_sizes(found.code, found.parameters)]
     size = f" The fit gives {', '.join(told)}." if told else ""
     text = cause.text if cause else f"The model lacks {found.law or found.code}."
-    return name[0].upper() + name[1:], text + size, cause.look if cause else ""
+    where = f" {found.reason}" if found.reason and found.state in ("named", "possible") else ""
+    return name[0].upper() + name[1:], text + size + where, cause.look if cause else ""
 
 
 def size_of(parameter: Parameter) -> str:

@@ -135,7 +135,7 @@ class CandidateSection(Shape):
         dict[str, SizeSection], Meta(description="smallest size this record would have shown")] = {}
     parameters: Annotated[
         dict[str, ParameterSection], Meta(description="fitted with this cause, on the whole record")] = {}
-    reason: Annotated[str, Meta(description="where there is no gain to state")] = ""
+    reason: Annotated[str, Meta(description="why there is no gain to state, or where the cause was seen")] = ""
 
 
 class GainSection(Shape):

@@ -8,7 +8,7 @@ least squares each; the best few are refined and become starting points of the f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -171,7 +171,7 @@ def _looked_at(traces: Sequence[Trace]) -> list[Trace]:
     for t in sorted(traces, key=lambda t: -t.size)[:STRETCHES]:
         n = min(t.size, room)
         if n >= 10:
-            found.append(Trace(t.inputs[:n], t.outputs[:n], t.step, t.name))
+            found.append(replace(t, inputs=t.inputs[:n], outputs=t.outputs[:n]))
         room -= n
     return found
 

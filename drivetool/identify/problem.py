@@ -47,6 +47,7 @@ class Problem:
     memory     correlation of the torque disturbance state from sample to sample, or None
     later      (k,) parameters to leave alone in the first round of a fit
     bodies     number of bodies, whose speeds are the first states
+    by_record  whether the plant differs between recordings
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -60,6 +61,7 @@ class Problem:
     memory: float | None = None
     later: np.ndarray | None = None
     bodies: int = 1
+    by_record: bool = False
 
     @property
     def count(self) -> int:
@@ -72,12 +74,11 @@ class Problem:
         return len(self.names) + len(self.traces) * len(self.free_start)
 
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
-        """A plant per trace; traces with one step share theirs."""
-        made: dict[float, Plant] = {}
-        for t in self.traces:
-            if t.step not in made:
-                made[t.step] = self.build(values, t, gradient, self.memory)
-        return [made[t.step] for t in self.traces]
+        """A plant per trace; traces with one step share theirs, and one record where records differ."""
+        keys = [(t.step, t.record if self.by_record else 0) for t in self.traces]
+        some = dict(zip(keys, self.traces, strict=True))
+        made = {key: self.build(values, t, gradient, self.memory) for key, t in some.items()}
+        return [made[key] for key in keys]
 
     def normal(self, point: Point, gains: Sequence[Gains] | None = None) -> Normal:
         """Normal equations at a point."""

@@ -11,6 +11,7 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import Drive
+from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
@@ -64,7 +65,7 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
-                            e.offset + a * e.step)
+                            e.offset + a * e.step, e.number)
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
@@ -89,7 +90,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
         layout = Layout(free, roles.inputs, roles.outputs, trace.step, memory, gradient)
-        return plant_of(replaced(drive, free, values), layout)
+        return plant_of(_felt_in(replaced(drive, free, values), trace), layout)
 
     quantities = [drive.quantity(n) for n in free]
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
@@ -98,7 +99,14 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
         np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces),
         later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
-        bodies=len(drive.bodies))
+        bodies=len(drive.bodies), by_record=load_step.only_in(drive.values))
+
+
+def _felt_in(drive: Drive, trace: Trace) -> Drive:
+    """The drive as it was while that stretch was recorded."""
+    if not load_step.only_in(drive.values):
+        return drive
+    return replace(drive, values=load_step.felt_in(drive.values, trace.record))
 
 
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
@@ -108,7 +116,7 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
     smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
-        trial = replaced(drive, free, values)
+        trial = _felt_in(replaced(drive, free, values), trace)
         layout = Layout(smooth, roles.inputs, roles.outputs, trace.step, memory, gradient)
         return plant_of(replace(trial, values={**trial.values, **flat}), layout)
 

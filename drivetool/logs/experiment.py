@@ -101,6 +101,11 @@ class Experiment:
     offset: float = 0.0
 
     @property
+    def number(self) -> int:
+        """What tells recordings apart where only a number can be kept; 0 without a file."""
+        return int(self.sha256[:6] or "0", 16)
+
+    @property
     def size(self) -> int:
         """Number of samples on the grid."""
         return len(next(iter(self.signals.values())))

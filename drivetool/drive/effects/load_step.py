@@ -1,7 +1,11 @@
 """A load torque that sets in once, at an instant nobody logged."""
 
+from collections.abc import Mapping
+
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
+
+NEVER = 1e6  # s, the upper bound of the instant
 
 
 def torque(_, __, time, side, p, out):
@@ -20,12 +24,26 @@ def stamp(assembly, body):
         assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
 
 
+def only_in(values: Mapping[str, float]) -> bool:
+    """Whether a load sets in in one record only."""
+    return any(n.endswith(".step_record") and v > 0.0 for n, v in values.items())
+
+
+def felt_in(values: Mapping[str, float], record: int) -> Mapping[str, float]:
+    """The parameters as they are in the record of that number: a load that sets in elsewhere never does here."""
+    never = {n.replace("_record", "_time"): NEVER for n, v in values.items()
+             if n.endswith(".step_record") and v not in (0.0, record)}
+    return {**values, **never}
+
+
 EFFECT = Effect(
     code="load-step",
     of="body",
     quantities={
         "step_torque": Quantity("{T}", "load torque that sets in", (-1e12, 1e12), 1e-2, 0.0),
-        "step_time": Quantity("s", "when it sets in", (-1e6, 1e6), 1e-3, 0.0),
+        "step_time": Quantity("s", "when it sets in", (-NEVER, NEVER), 1e-3, 0.0),
+        "step_record": Quantity("", "the record in which it does, the first six digits of its sha256 as a number; "
+                                "0: in every one", (0.0, 16.0**6), 1.0, 0.0),
     },
     stamp=stamp,
     law="T = A for t > t0",
