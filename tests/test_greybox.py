@@ -12,9 +12,10 @@ from scipy.signal import lfilter
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.engine import Task, free_run
 from drivetool.identify.greybox import greybox
+from drivetool.identify.least_squares import marquardt_step
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.options import Options
-from drivetool.identify.setup import Roles, first_point
+from drivetool.identify.setup import Roles, first_point, problem_of, traces_of
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 from tests.recover import STEP, drive_like, experiment, joint_error, linear_record, truth
@@ -205,3 +206,16 @@ def test_a_free_run_begins_at_its_first_guess_where_the_filter_runs_away():
     problem = task.problem(free=())
     _, point, runs = free_run(task, noise=Noise(1e153, None, problem.scale))
     assert np.isfinite(point.starts[0]).all() and np.isfinite(runs[0]).all()
+
+
+def test_the_start_speed_of_a_body_without_mass_stays():
+    """Nothing depends on it: what rounding leaves of its sensitivity, divided by, would make it astronomic."""
+    record = linear_record(MACHINE, 51, 2.0)
+    speed = record.signals["motor_speed"]
+    record = replace(record, signals={**record.signals, "motor_angle": np.cumsum(speed) * STEP})
+    drive = replace(start(), values={**start().values, "motor.inertia": 1e-12})
+    roles = Roles(("motor_torque",), ("motor_angle",))
+    problem = problem_of(drive, SHAPE, roles, traces_of([record], roles))
+    point = first_point(drive, problem, roles)
+    _, (own,) = marquardt_step(problem, point, problem.normal(point), 1e-3)
+    assert abs(own[0]) < np.abs(speed).max()

@@ -96,7 +96,8 @@ def likely_orders(base: Model) -> list[float]:
     step = base.problem.traces[0].step
     spacing = np.pi / reach
     high = 0.25 * 2.0 * np.pi / step / top
-    grid = np.arange(max(spacing, 2.0 * np.pi / reach), high, spacing)[:ORDERS]
+    grid = max(spacing, 2.0 * np.pi / reach) + spacing * np.arange(ORDERS)
+    grid = grid[grid < high]
     frequencies = np.concatenate(([0.0], np.geomspace(0.05, 0.5 / step, 300)))
     response = np.concatenate(([0.0], disturbance_response(base, frequencies[1:])))
     scores = np.zeros(len(grid))

@@ -14,6 +14,7 @@ import numpy as np
 from drivetool.drive.simulate import Gains
 from drivetool.identify.problem import Normal, Point, Problem
 
+FAINT = 1e-9  # of an output over a start state, both in SI: what is less has been left by rounding
 LEAST = 1e-14  # share of the cost below which a promised decrease is rounding
 
 
@@ -157,7 +158,7 @@ def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
 def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
     """Inverses of start-state blocks (traces, m, m); a state without influence does not move."""
     size = np.sqrt(np.einsum("sii->si", own))
-    size[size == 0.0] = 1.0
+    size[size < FAINT] = 1.0
     square = size[:, :, None] * size[:, None, :]
     scaled = own / square + damping * np.eye(own.shape[1])
     return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
