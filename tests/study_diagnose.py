@@ -255,6 +255,10 @@ def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping
             twist, power = fitted.get(name), truth[f"{owner}.hardening_power"]
             if twist is not None:
                 found[f"{owner}.hardening"] = (twist / value) ** power
+        elif what in ("ripple_amplitude", "imbalance"):
+            law = what.partition("_")[0]
+            size, phase = (value if law == "ripple" else -value), truth[f"{owner}.{law}_phase"]  # one opposes
+            found |= {f"{owner}.{law}_sine": size * np.cos(phase), f"{owner}.{law}_cosine": size * np.sin(phase)}
         elif what == "drift_time":
             found["motor.drift_time"] = value
         elif name.startswith("body"):
@@ -353,12 +357,18 @@ def limits(found: Sequence[Mapping]) -> str:
         number = np.array([row["visibility"] for row in mine])
         half = _half(number, np.array(seen)) if mine else None
         # Values are in proportion to visibility: the one at the limit is value * half / visibility.
-        ratio = [least / (abs(row["values"][name]) * half / row["visibility"]) for row in mine if half
+        ratio = [least / (large(row["values"], name) * half / row["visibility"]) for row in mine if half
                  for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
                  if row["values"].get(name)]
         lines.append(f"{kind:<24}{'-' if half is None else f'{half:.1f}':>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)
+
+
+def large(values: Mapping[str, float], name: str) -> float:
+    """Size of a value; of a sine or a cosine that of the wave, whose phase says nothing about how well it shows."""
+    return float(np.hypot(*(values.get(name.replace("cosine", "sine").replace("sine", part), 0.0)
+                            for part in ("sine", "cosine")))) if name.endswith("sine") else abs(values[name])
 
 
 def _half(number: np.ndarray, seen: np.ndarray) -> float | None:

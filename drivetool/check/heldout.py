@@ -137,7 +137,6 @@ def located(model: Model) -> Model:
     problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
     keep = [j for j, n in enumerate(model.task.free) if n not in names]
     point = Point(model.point.values[keep], model.point.starts)
-    problem = replace(problem, free_start=model.problem.free_start)
     return Model(model.code, task, problem, point, model.noise, model.value)
 
 

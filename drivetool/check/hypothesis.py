@@ -11,7 +11,7 @@ from drivetool.check.candidates import Candidate, Start, motion, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit, judge
-from drivetool.check.structure import carried, states_of
+from drivetool.check.structure import carried
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step, schur
@@ -217,7 +217,7 @@ def _traced(candidate: Candidate, base: Model) -> dict[str, float]:
         return {}
     start = candidate.trace(base)
     task = start.task
-    problem = _without_angle(problem_of(task.drive, task.free, task.roles, base.problem.traces), task)
+    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     point = carried(base, task, problem)
     try:
         _, std, _ = linear_step(problem, normal_under(problem, point, base.noise), np.ones(len(task.free), bool))
@@ -258,7 +258,7 @@ def begin(base: Model, start: Start, masks: Masks) -> Begun:
     """
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    problem = _bounded(_without_angle(problem, task), base, task)
+    problem = _bounded(problem, base, task)
     point = carried(base, task, problem)
     if not start.amplitudes:
         return Begun(start, problem, point, np.inf, {})
@@ -303,12 +303,3 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
         elif name.endswith(".stribeck_speed"):
             high[j] = min(high[j], motion(base)[0])
     return replace(problem, high=high)
-
-
-def _without_angle(problem: Problem, task) -> Problem:
-    """Where no angle is measured, that of one record is free to choose: the phase of a ripple goes with it."""
-    if len(problem.traces) > 1 or any(role.endswith("angle") for role in task.roles.outputs):
-        return problem
-    names = states_of(task, problem.traces[0].step)
-    keep = [j for j in problem.free_start if names[j] != "angle"]
-    return replace(problem, free_start=np.array(keep))

@@ -48,6 +48,7 @@ class Problem:
     later      (k,) parameters to leave alone in the first round of a fit
     bodies     number of bodies, whose speeds are the first states
     by_record  whether the plant differs between recordings
+    anchored   index of the free start states that stay where they are in the first stretch
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -62,6 +63,7 @@ class Problem:
     later: np.ndarray | None = None
     bodies: int = 1
     by_record: bool = False
+    anchored: tuple[int, ...] = ()
 
     @property
     def count(self) -> int:
@@ -71,7 +73,7 @@ class Problem:
     @property
     def unknowns(self) -> int:
         """Number of estimated values, start states included."""
-        return len(self.names) + len(self.traces) * len(self.free_start)
+        return len(self.names) + len(self.traces) * len(self.free_start) - len(self.anchored)
 
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
         """A plant per trace; traces with one step share theirs, and one record where records differ."""
@@ -88,6 +90,9 @@ class Problem:
         for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, True), strict=True)):
             g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
             own_columns = plant.system.nq + self.free_start
+            if i == 0 and self.anchored:
+                stays = plant.system.nq + np.array(self.anchored)
+                g[stays], g[:, stays] = 0.0, 0.0
             shared += g[:k, :k]
             slope += g[:k, -1]
             cost += g[-1, -1]
