@@ -44,3 +44,13 @@ def test_what_rounding_leaves_is_no_sign_of_another_law(tmp_path):
     assert answer.verdict == "undetermined" and answer.causes == ("quantisation",)
     assert set(answer.between) == {"coulomb-load", "coulomb-motor"}
     assert answer.gain["held_out_rmse_after"] < 1.05 * answer.gain["noise_floor"]
+
+
+@pytest.mark.study
+def test_a_gap_that_the_steps_of_a_logger_would_show_is_not_named(tmp_path):
+    """Steps of seven noises: beside the dead time a gap of less than a step gains 30 on the record, and 250 on one
+    of the model without it that is logged in the same steps."""
+    answer, causes = answered(("quantisation", "dead-time"), 200013, tmp_path,
+                              "backlash,dead-time,quantisation,third-mass", record="steps", seed=200013, records=2,
+                              duration=20.0, size={"quantisation": 7.0086, "dead-time": 3.1584})
+    assert grade(causes, answer) == "right", answer.talk

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from drivetool.check.model import Model, everything, spread
-from drivetool.check.preflight import resolution
+from drivetool.check.model import Masks, Model, everything, fit, sensor_std, spread
+from drivetool.check.preflight import COARSE, resolution
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Problem
 
@@ -45,18 +45,32 @@ def remainder(model: Model) -> Remainder:
     model itself, logged in the same steps, is no sign of anything else.
     """
     found = _left(model, model.problem)
-    steps = [_step_of(model, m) for m in range(model.problem.traces[0].outputs.shape[1])]
+    steps = _steps_of(model)
     if found.total == 0.0 or steps[0] == 0.0:
         return found
-    rounding = _left(model, _logged_again(model, np.array(steps)))
+    rounding = _left(model, _logged_again(model, steps))
     return Remainder(*(max(0.0, getattr(found, name) - ROUNDED * getattr(rounding, name))
                        for name in ("memory", "size", "place")))
 
 
-def _step_of(model: Model, output: int) -> float:
-    """The step in which an output is logged, zero if there is none."""
-    y = np.concatenate([t.outputs[:, output] for t in model.problem.traces])
-    return resolution(y[np.isfinite(y)]) or 0.0
+def faked(base: Model, cause: Model, masks: Masks) -> float:
+    """Log likelihood that a cause gains on records of the base itself, for no reason but the steps of the logger.
+
+    Zero where these are finer than the noise: then rounding is noise, and has been counted as that.
+    """
+    steps = _steps_of(base)
+    if not np.any(steps**2 / 12.0 > COARSE * (sensor_std(base) * base.noise.scale / base.noise.scale[0]) ** 2):
+        return 0.0
+    traces = _logged_again(base, steps).traces
+    without, having = (fit(m.code, m.task, replace(m.problem, traces=traces), m.point, m.noise, masks, rounds=3)
+                       for m in (base, cause))
+    return without.value - having.value
+
+
+def _steps_of(model: Model) -> np.ndarray:
+    """(ny,) the steps in which the outputs are logged, zero where there are none."""
+    outputs = np.concatenate([t.outputs for t in model.problem.traces])
+    return np.array([resolution(y[np.isfinite(y)]) or 0.0 for y in outputs.T])
 
 
 def _logged_again(model: Model, steps: np.ndarray) -> Problem:

@@ -19,7 +19,7 @@ from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, 
 from drivetool.check.hypothesis import TRIFLE, Tried, also, as_special_case, attempt, polished, sizeable, without
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
-from drivetool.check.remainder import Remainder, remainder
+from drivetool.check.remainder import Remainder, faked, remainder
 from drivetool.check.samples import fitted_samples
 from drivetool.check.story import results_of
 from drivetool.check.structure import carried
@@ -37,6 +37,8 @@ LITTLE = 0.2  # of what was gained before, below which a cause may make up for a
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
 AGAINST = "free runs over data held out become worse with it"
 ONE_PLACE = "nearly all that it gains on data held out lies in one place"
+FAKED = 0.5  # of what a cause gains, that it may gain on records of the base logged in the same steps
+STEPS = "the steps of the logger would show as much"
 
 
 class Search:
@@ -222,7 +224,8 @@ class Search:
         """(the decision without causes that data held out speak against, gain of the best, those and why).
 
         A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one
-        place only, makes up for what they are not exact in. What ties with it must then be found by itself.
+        place only, makes up for what they are not exact in; one that records made up without it show as well makes
+        up for the steps of the logger. What ties with it must then be found by itself.
         """
         against: dict[str, str] = {}
         tied = [s for s in scores if s.model.code in decision.between]
@@ -234,11 +237,18 @@ class Search:
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
-            if not (why and s.gain < LITTLE * self.gained):
+            why = why if s.gain < LITTLE * self.gained else ""
+            if self.made_of_steps(s):
+                why = STEPS
+            if not why:
                 between = tuple(c for c in decision.between if c not in against)
                 return replace(decision, best=s, between=between), stage, against
             against[code] = why
         return replace(decision, best=None, between=()), None, against
+
+    def made_of_steps(self, one: Score) -> bool:
+        """Whether records of the base, logged in the steps of these, would show much of a cause that it lacks."""
+        return faked(self.model, one.model, self.masks) > FAKED * one.lead
 
     def _adopt(self, decision: Decision) -> None:
         """Make the winner the base of the next round."""
