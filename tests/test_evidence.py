@@ -51,6 +51,14 @@ def test_a_small_lead_behind_a_large_gain_may_be_an_inexact_law():
     assert surprise(score(25.0), gained=1000.0) == -np.inf
 
 
+def test_a_law_is_no_discovery_where_its_special_case_is_as_likely():
+    """On data held out it came out ahead, fitted under another noise."""
+    simple = score(500.0, AGREES, code="coulomb-load")
+    for lead, named in ((503.0, "coulomb-load"), (505.0, "stribeck-load")):
+        general = score(lead, 1.5 * AGREES, further=3, code="stribeck-load")
+        assert decide([simple, general], 0.01).best.model.code == named
+
+
 def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says():
     """The lead of one parameter that is looked at LOOKED times is at most this large, but for a share of them."""
     rng = np.random.default_rng(11)

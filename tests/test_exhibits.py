@@ -55,6 +55,14 @@ def test_dry_friction_is_a_step_over_speed_and_a_ramp_after_reversals():
     assert np.abs(found["diagnosis-residual-reversal"].curves["mean after"][1]).max() < 0.06
 
 
+def test_a_run_that_has_diverged_leaves_the_others_pictures():
+    made = [replace(v, angle=v.angle + 5.0 * v.time) for v in views()]
+    gone = replace(made[0], speed=np.full(len(made[0].time), np.nan))
+    found = by_kind(exhibits_of([gone, made[1]], INERTIA))
+    assert "diagnosis-residual-order" not in found and "diagnosis-residual-reversal" in found
+    assert "diagnosis-residual-order" not in by_kind(exhibits_of([gone], INERTIA))
+
+
 def test_standard_errors_of_bins_are_as_large_as_their_scatter():
     curves = by_kind(exhibits_of(views(), INERTIA))["diagnosis-residual-speed"].curves
     ratio = curves["after"][1] / curves["std after"][1]

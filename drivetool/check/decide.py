@@ -15,6 +15,7 @@ CLOSE = 2.0  # standard errors within which two causes explain the record equall
 PLAIN = 20.0  # log likelihood that counts as a difference where nearly all blocks agree on it
 LEAST = 4.0  # log likelihood that is a tie whatever the scatter says
 SHARE = 0.5  # of the best gain that a tie must have
+SURPLUS = 2.0  # log likelihood that each further parameter of a law must bring over its special case
 LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
 
 # What decides between two causes, in either order.
@@ -59,6 +60,7 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decis
     budget  share of records without any cause on which one may be found
     gained  log likelihood by the causes that were found before
     """
+    scores = with_use(scores)
     log_evidence = total_evidence(scores, gained)
     strength = float(log_evidence / np.log(10.0)) if np.isfinite(log_evidence) else -300.0
     if not scores or log_evidence < np.log(1.0 / budget):
@@ -72,6 +74,17 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decis
     simple = [s for s in close if not nests[s.model.code] & codes]
     best = max(simple, key=lambda s: s.gain)
     return Decision(best, tuple(s.model.code for s in sorted(simple, key=lambda s: -s.gain)), strength)
+
+
+def with_use(scores: Sequence[Score]) -> list[Score]:
+    """The scores without laws whose special case is as likely: what they have beyond it says nothing.
+
+    On data held out they may still come out ahead, fitted under another noise.
+    """
+    nests = {c.code: c.nests for c in CANDIDATES}
+    return [s for s in scores if not any(
+        t.model.code in nests.get(s.model.code, ()) and s.lead - t.lead < SURPLUS * (s.further - t.further)
+        for t in scores)]
 
 
 def ties(one: Score, best: Score) -> bool:

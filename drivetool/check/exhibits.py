@@ -211,7 +211,8 @@ def _over_order(views: Sequence[View], lacking: Sequence[Mapping[str, np.ndarray
     quick = float(np.median(np.concatenate([np.abs(np.diff(v.angle)) for v in views])))
     rotary = views[0].units[2] == "rad"
     # To and fro within less than a few turns tells no order from its neighbours.
-    if (rotary and reach < TURNS * 2.0 * np.pi) or reach == 0.0 or quick == 0.0:
+    still_or_gone = not np.min([reach, quick, *ways]) > 0.0  # gone: a run that has diverged is no number
+    if (rotary and reach < TURNS * 2.0 * np.pi) or still_or_gone:
         return []
     highest = min(0.3 * np.pi / quick, HIGHEST if rotary else np.inf)
     curves: Curves = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -137,13 +137,18 @@ class Search:
             likely = self._likely(tried, promised=True, over=stand)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
                              pool.map(lambda t: polished(t, self.masks), likely), len(likely))
-            ends = dict(zip((t.candidate.code for t in likely), fitted, strict=True))
-            for code in [c for c in ends if c in NESTED]:
-                for simple in [c for c in NESTED[code] if c in ends]:
-                    ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
+            ends = self._with_special_cases(fitted)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]
+
+    def _with_special_cases(self, tried: Iterable[Tried]) -> dict[str, Tried]:
+        """The causes by code, each no less likely than a law that contains it makes it."""
+        ends = {t.candidate.code: t for t in tried}
+        for code in [c for c in ends if c in NESTED]:
+            for simple in [c for c in NESTED[code] if c in ends]:
+                ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
+        return ends
 
     def _likely(self, tried: Sequence[Tried], promised: bool = False, over: Model | None = None) -> list[Tried]:
         """The causes that gain on what they were fitted to, and not far less than the best, the likeliest first.
@@ -200,23 +205,29 @@ class Search:
     def _judge(self, tried: Sequence[Tried]) -> list[Score]:
         """Held-out scores of the likeliest causes."""
         likely = [t for t in self._likely(tried) if t.absent is None]
-
         least = min(f.value for f in (self.model, *self.bases))
+
+        def heard(t: Tried) -> Tried | None:
+            try:
+                model = self._under_other_noise(t.model)
+                changed = replace(t, models=(model,))
+                lost = model is not t.model and sizeable(changed, self.model, self.masks).absent
+                return None if lost else changed
+            except (np.linalg.LinAlgError, FloatingPointError):
+                return None
 
         def one(t: Tried) -> Score | None:
             try:
-                model = self._under_other_noise(t.model)
-                if model is not t.model and sizeable(replace(t, models=(model,)), self.model, self.masks).absent:
-                    return None
-                found = score(model, self.folds)
+                found = score(t.model, self.folds)
                 return replace(found, lead=least - found.model.value,
                                further=len(t.model.task.free) - len(self.model.task.free))
             except (np.linalg.LinAlgError, FloatingPointError):
                 return None
 
         with ThreadPoolExecutor(WORKERS) as pool:
+            ends = self._with_special_cases(t for t in pool.map(heard, likely) if t is not None)
             scores = list(counted(f"round {len(self.rounds) + 1}: causes judged on data held out",
-                                  pool.map(one, likely), len(likely)))
+                                  pool.map(one, ends.values()), len(ends)))
         return [s for s in scores if s is not None]
 
     def _foretelling(self, decision: Decision, scores: Sequence[Score],

@@ -43,9 +43,11 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     most      iterations; relative: decrease of the cost at which the fit has converged
     hold      (k,) parameters that do not move
     enough    cost from which on there is nothing left to gain
-    returns   Solution
+    returns   Solution; where the model diverges from the first point on, that point
     """
-    normal, ahead = problem.normal(point, gains), True
+    normal, ahead = _whole(problem, point, gains), True
+    if not np.isfinite(normal.cost):
+        return Solution(point, normal, 0, False)
     for iteration in range(1, most + 1):
         trial = _accepted(problem, point, normal, gains, damping, hold, ahead)
         if trial is None:

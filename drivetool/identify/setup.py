@@ -81,8 +81,9 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     """The problem of fitting some parameters of a drive to traces.
 
     free     parameter names; the others keep their value
-    returns  Problem whose start states are the speeds, twists and angle. Where no angle is measured it counts
-             from the first sample: a torque that repeats with it would turn with any other zero
+    returns  Problem whose start states are all free: what the torque was before the record nobody knows. Where no
+             angle is measured it counts from the first sample: a torque that repeats with it would turn with any
+             other zero
 
     Shaft damping moves later than the rest: at a start where the resonance lies a little off, the
     quickest way down is to damp it away, and from there no way leads back.
@@ -96,14 +97,13 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     quantities = [drive.quantity(n) for n in free]
     seen = any(role.endswith("angle") for role in roles.outputs)
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
-    start = [i for i, name in enumerate(plain.states) if not name.startswith("converter")]
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
-        np.array([q.scale for q in quantities]), tuple(traces), np.array(start), sensor_scales(traces),
+        np.array([q.scale for q in quantities]), tuple(traces), np.arange(plain.nx), sensor_scales(traces),
         later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
         by_record=load_step.only_in(drive.values),
-        anchored=() if seen else tuple(i for i in start if plain.states[i] == "angle"))
+        anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"))
 
 
 def _felt_in(drive: Drive, trace: Trace) -> Drive:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
+from zlib import crc32
 
 import numpy as np
 
@@ -102,8 +103,8 @@ class Experiment:
 
     @property
     def number(self) -> int:
-        """What tells recordings apart where only a number can be kept; 0 without a file."""
-        return int(self.sha256[:6] or "0", 16)
+        """What tells recordings apart where only a number can be kept: a checksum; 0 without a file."""
+        return crc32(self.sha256.encode())
 
     @property
     def size(self) -> int:

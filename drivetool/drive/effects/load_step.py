@@ -42,8 +42,8 @@ EFFECT = Effect(
     quantities={
         "step_torque": Quantity("{T}", "load torque that sets in", (-1e12, 1e12), 1e-2, 0.0),
         "step_time": Quantity("s", "when it sets in", (-NEVER, NEVER), 1e-3, 0.0),
-        "step_record": Quantity("", "the record in which it does, the first six digits of its sha256 as a number; "
-                                "0: in every one", (0.0, 16.0**6), 1.0, 0.0),
+        "step_record": Quantity("", "the record in which it does, by the CRC-32 of its sha256; 0: in every one",
+                                (0.0, 2.0**32), 1.0, 0.0),
     },
     stamp=stamp,
     law="T = A for t > t0",
