@@ -186,15 +186,20 @@ def _imbalance(base: Model) -> list[Start]:
 
 
 def _drift(base: Model) -> list[Start]:
-    body, size, found = base.task.drive.bodies[0], torque_size(base), []
-    names = [f"{body}.drift_viscous"]
-    if any(n.endswith(".coulomb") and present(base, n) for n in base.task.drive.quantities):
-        names.append(f"{body}.drift_coulomb")
-    if any(present(base, n) for n in names):
+    """Of the motor's friction; where a sensor behind the shaft tells them apart, also of both ends'."""
+    drive, size, found = base.task.drive, torque_size(base), []
+    dry = any(n.endswith(".coulomb") and present(base, n) for n in drive.quantities)
+    if any(present(base, f"{body}.drift_{kind}") for body in drive.bodies for kind in ("viscous", "coulomb")):
         return []
-    for share in WARM:
-        values = {n: (1e-6 * size if n.endswith("coulomb") else 0.0) for n in names}
-        found.append(added(base, {**values, f"{body}.drift_time": share * motion(base)[1]}, names))
+    apart = any(not role.startswith("motor") for role in base.task.roles.outputs)
+    for bodies in [drive.bodies[:1], *([ends(base)] if apart and len(drive.bodies) > 1 else [])]:
+        names = [f"{body}.drift_viscous" for body in bodies] + [
+            f"{body}.drift_coulomb" for body in bodies
+            if (dry and body == drive.bodies[0]) or present(base, f"{body}.coulomb")]
+        for share in WARM:
+            values = {n: (1e-6 * size if n.endswith("coulomb") else 0.0) for n in names}
+            times = {f"{body}.drift_time": share * motion(base)[1] for body in bodies}
+            found.append(added(base, {**values, **times}, names))
     return found
 
 

@@ -16,6 +16,8 @@ from drivetool.drive.simulate import Trace
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import free_run
 
+AWAY = 1e3  # times the largest measured value: a run that is further off has diverged
+
 
 @dataclass(frozen=True)
 class Forecast:
@@ -57,8 +59,14 @@ def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
             continue
         _, _, runs = free_run(model.fitted, traces, model.noise)
         measured += [t.outputs[:, 0] for t in traces]
-        simulated += [r[:, 0] for r in runs]
+        simulated += [_bounded(r[:, 0], t.outputs[:, 0]) for t, r in zip(traces, runs, strict=True)]
     return Forecast(tuple(measured), tuple(simulated))
+
+
+def _bounded(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """A run (n,) that has diverged, off by AWAY times what was measured: the square of more is no number."""
+    limit = AWAY * max(float(np.nanmax(np.abs(measured), initial=0.0)), 1e-300)
+    return np.clip(np.nan_to_num(simulated, nan=limit), -limit, limit)
 
 
 def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor: float,
