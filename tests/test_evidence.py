@@ -59,6 +59,13 @@ def test_a_law_is_no_discovery_where_its_special_case_is_as_likely():
         assert decide([simple, general], 0.01).best.model.code == named
 
 
+@pytest.mark.parametrize(("lead", "tied"), [(300.0, True), (290.0, False)])
+def test_rivals_that_look_alike_tie_where_the_whole_record_is_as_likely(lead, tied):
+    best, one = score(300.0, 2.0 * AGREES, code="dead-time"), score(lead, 1.2 * AGREES, code="converter-lag")
+    assert ties(one, best) == tied
+    assert not ties(score(lead, 1.2 * AGREES), best)  # others are told apart by data held out
+
+
 def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says():
     """The lead of one parameter that is looked at LOOKED times is at most this large, but for a share of them."""
     rng = np.random.default_rng(11)

@@ -92,12 +92,19 @@ def ties(one: Score, best: Score) -> bool:
 
     Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945). Not
     for causes that are known to look alike: a filter and a lag, say, differ in what they make of the noise only.
+    Of these none is better whose whole record is no likelier: what blocks say then is how well half of them was
+    fitted.
     """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
-    if difference.sum() >= max(CLOSE * error, LEAST) or one.gain <= SHARE * best.gain:
+    if one.gain <= SHARE * best.gain:
         return False
-    if frozenset((one.model.code, best.model.code)) in DECIDES:
+    alike = frozenset((one.model.code, best.model.code)) in DECIDES
+    if alike and one.lead - one.further > best.lead - best.further - SURPLUS:
+        return True
+    if difference.sum() >= max(CLOSE * error, LEAST):
+        return False
+    if alike:
         return True
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
