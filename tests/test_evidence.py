@@ -90,6 +90,7 @@ def told(after, scatter=0.0):
     (told(1.3, 0.1), told(0.9), 1e4, "second", {"first"}),
     (told(1.3), told(1.2), 1e4, None, {"first", "second"}),
     (told(1.3), told(1.2), 10.0, "first", set()),  # much by itself: no makeshift for what came before
+    (told(11.0, 9.0), told(0.9), 0.0, "second", {"first"}),  # runs away
 ])
 def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gained, best, against):
     """first has the larger gain per step; gains are stood in for."""

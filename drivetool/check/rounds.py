@@ -35,6 +35,7 @@ JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
 LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
+RUINED = 10.0  # of that error, from which it is no law, however likely single steps become
 AGAINST = "free runs over data held out become worse with it"
 ONE_PLACE = "nearly all that it gains on data held out lies in one place"
 FAKED = 0.5  # of what a cause gains, that it may gain on records of the base logged in the same steps
@@ -248,7 +249,8 @@ class Search:
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
-            why = why if s.gain < LITTLE * self.gained else ""
+            ruined = stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
+            why = AGAINST if ruined else why if s.gain < LITTLE * self.gained else ""
             if self.made_of_steps(s):
                 why = STEPS
             if not why:
