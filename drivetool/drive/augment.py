@@ -18,6 +18,7 @@ from drivetool.drive.system import LAW_NAMES, PARAMETERS, Laws, System
 CHAIN = 3  # states per law
 SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
 FASTEST = 0.7  # rate of the modes times the longest stretch over which a parabola is good enough
+FADED = 2.0  # time constants in a sample, from which more of them make no difference
 
 
 def plant_of(drive: Drive, layout: Layout) -> Plant:
@@ -43,9 +44,11 @@ def _pieces(s: System) -> int:
         for e in range(2):
             row = s.gap_rows[g, e]
             flow[row] += s.gap_gain[g, e, 0] * s.spring[g, :, 0] / s.mass[row, 0]
-    rates = np.abs(np.linalg.eigvals(flow)) if np.isfinite(flow).all() else np.zeros(1)
-    # What moves much faster than the record is sampled leaves no trace in it.
-    return int(np.clip(np.ceil(rates.max() * s.spans.max() / FASTEST), 1, 20))
+    modes = np.linalg.eigvals(flow) if np.isfinite(flow).all() else np.zeros(1)
+    # What swings much faster than the record is sampled leaves no trace in it, and what fades so fast no swing.
+    fading = np.minimum(np.abs(modes.real) * s.spans.max(), FADED)
+    rates = np.hypot(modes.imag * s.spans.max(), fading)
+    return int(np.clip(np.ceil(rates.max() / FASTEST), 1, 20))
 
 
 def _widened(assembly: Assembly, s: System) -> System:
