@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from drivetool.check.hypothesis import TRIFLE, Tried
-from drivetool.check.model import Masks, Model, from_start
+from drivetool.check.hypothesis import BROKEN, TRIFLE, Tried
+from drivetool.check.model import Masks, Model, at_rest, from_start
 from drivetool.identify.cooling import BOX, SHAPE
 
 
@@ -28,6 +28,21 @@ def at_start(base: Model, begun: Mapping[str, float], masks: Masks) -> Model:
     """The base at the values that its fit began with, with the noise that it has there."""
     task = base.task.at({n: begun[n] for n in base.task.free if n in begun})
     return from_start(task, masks, rounds=0)
+
+
+def returned(model: Model, begun: Mapping[str, float], masks: Masks) -> Model:
+    """The model, or the same laws fitted from the values that the base was once started from, if that is likelier.
+
+    A base that made up for a law keeps its bent shape once the law is found: no way leads back downhill.
+    """
+    if not strayed(model, begun):
+        return model
+    task = model.fitted.at({n: begun[n] for n in model.task.free if n in begun and n.endswith(SHAPE)})
+    try:
+        trial = at_rest(from_start(task, masks), masks)
+    except BROKEN:
+        return model
+    return replace(trial, code=model.code) if trial.value < model.value - TRIFLE else model
 
 
 def likelier(found: Tried, further: Tried, base: Model) -> Tried:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.afresh import at_start, likelier, strayed
+from drivetool.check.afresh import at_start, likelier, returned, strayed
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
 from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
@@ -275,7 +275,8 @@ class Search:
         self.evidence[code] = decision.evidence
         self.gained += best.gain
         self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
-        self.model, self.trained = at_rest(best.model, self.masks), best.trained
+        self.model = returned(at_rest(best.model, self.masks), self.begun, self.masks)
+        self.trained = best.trained
 
     def leave_out(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> None:
         """Take records in place of those of the last model, if there are findings about what they lack."""
