@@ -296,10 +296,13 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
     With so short a lag contacts inside a sample take ever longer; with so high a speed the surplus
     is Coulomb friction by another name.
     """
-    high = problem.high.copy()
+    low, high = problem.low.copy(), problem.high.copy()
     for j, name in enumerate(task.free):
         if name.endswith(".bandwidth"):
             high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
         elif name.endswith(".stribeck_speed"):
             high[j] = min(high[j], motion(base)[0])
-    return replace(problem, high=high)
+        elif name.endswith(".viscous_asymmetry"):
+            most = max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces) / motion(base)[0]
+            low[j], high[j] = max(low[j], -most), min(high[j], most)
+    return replace(problem, low=low, high=high)
