@@ -15,11 +15,10 @@ import numpy as np
 from drivetool.check.afresh import strayed
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
-from drivetool.check.hypothesis import FAST
 from drivetool.check.lateness import lag_of
 from drivetool.check.model import Masks, Model, everything, from_start
 from drivetool.check.parts import with_parts
-from drivetool.check.preflight import Fault, preflight
+from drivetool.check.preflight import LATE, Fault, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.second_look import second_look
@@ -114,7 +113,7 @@ def unmodelled(wanted: Sequence[str], drive: Drive) -> list[str]:
 def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> list[str]:
     """The causes that are left: an angle beside the speed can tell that the speed is not filtered."""
     lags = [lag_of(e) for e in experiments]
-    prompt = all(found is not None and abs(found.lag) + 3.0 * found.std < FAST * e.step
+    prompt = all(found is not None and abs(found.lag) + 3.0 * found.std < LATE * e.step
                  for found, e in zip(lags, experiments, strict=True))
     return [c for c in wanted if not (c == "speed-filter" and prompt)]
 
