@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.model import Model, everything, fit, spread
-from drivetool.check.remainder import _left, _logged_again, remainder
+from drivetool.check.remainder import _left, _logged_again, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from tests.recover import one_sensor
@@ -44,3 +44,15 @@ def test_rounding_alone_leaves_nothing_and_a_wrong_model_something(seed, share):
     values[stiff] *= 1.3
     wrong = replace(model, point=Point(values, model.point.starts))
     assert remainder(wrong).total > 1000.0
+
+
+def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
+    tried = []
+
+    def fails(code, *_, **__):
+        tried.append(code)
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    model, _ = rounded(3, 0.05)
+    monkeypatch.setattr("drivetool.check.remainder.fit", fails)
+    assert faked(model, model, everything(model.problem)) == 0.0 and tried

@@ -208,7 +208,7 @@ def _load_step(base: Model) -> list[Start]:
     if present(base, f"{body}.step_torque"):
         return []
     torque, time, record = (f"{body}.{name}" for name in ("step_torque", "step_time", "step_record"))
-    return [added(base, {torque: 0.0, time: instant, record: number}, (torque,), held=(record,))
+    return [added(base, {torque: 0.0, time: instant, **({record: number} if number else {})}, (torque,), (record,))
             for instant, number in load_steps(base)]
 
 

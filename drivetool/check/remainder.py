@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
+from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Masks, Model, everything, fit, sensor_std, spread
 from drivetool.check.preflight import COARSE, resolution
 from drivetool.identify.noise import filtered
@@ -56,14 +57,18 @@ def remainder(model: Model) -> Remainder:
 def faked(base: Model, cause: Model, masks: Masks) -> float:
     """Log likelihood that a cause gains on records of the base itself, for no reason but the steps of the logger.
 
-    Zero where these are finer than the noise: then rounding is noise, and has been counted as that.
+    Zero where these are finer than the noise: then rounding is noise, and has been counted as that. Zero, too,
+    where a fit fails.
     """
     steps = _steps_of(base)
     if not np.any(steps**2 / 12.0 > COARSE * (sensor_std(base) * base.noise.scale / base.noise.scale[0]) ** 2):
         return 0.0
     traces = _logged_again(base, steps).traces
-    without, having = (fit(m.code, m.task, replace(m.problem, traces=traces), m.point, m.noise, masks, rounds=3)
-                       for m in (base, cause))
+    try:
+        without, having = (fit(m.code, m.task, replace(m.problem, traces=traces), m.point, m.noise, masks, rounds=3)
+                           for m in (base, cause))
+    except BROKEN:  # what cannot be fitted there says nothing
+        return 0.0
     return without.value - having.value
 
 
