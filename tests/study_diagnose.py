@@ -229,7 +229,7 @@ def intervals(label: Mapping, answer: Answer) -> dict[str, bool]:
         for name, value in told(effect["truth"], label.get("plain", {}), fitted).items():
             ends = (answer.parameters.get(name) or {}).get("ci95")
             if ends and None not in ends:
-                found[name] = ends[0] <= value <= ends[1]
+                found[name] = bool(ends[0] <= value <= ends[1])
     return found
 
 

@@ -211,6 +211,9 @@ def test_what_the_plain_parameters_can_imitate_is_not_visible():
     hidden, shown = (visible(make_case("third-mass", 2, size=0.05, sensors=sensors, **SHORT))
                      for sensors in (("motor_speed",), ("motor_speed", "load_speed")))
     assert hidden.number < 0.1 * hidden.before and hidden.number < shown.number
+    # Of a friction that depends on the direction, one direction shows an ordinary one.
+    forward = visible(make_case("asymmetric-friction", 2, record="one-directional", noise="loud", **SHORT))
+    assert forward.number < 0.01 < 10.0 < forward.before
 
 
 def test_more_data_shows_more_and_pairs_are_told_apart():

@@ -119,9 +119,19 @@ class Search:
         return [*scores, *self._judge(self._attempt(among=[c for c in CANDIDATES if c.code in unseen]))]
 
     def _afresh(self, tried: Sequence[Tried]) -> list[Tried]:
-        """The causes, those that are likelier so from the values that the base was once started from."""
+        """The causes, those that are likelier so from the values that the base was once started from.
+
+        First under the torque noise that the base has there, which may be so loud that it bends again what is
+        fitted; then, where they ended bent, once more under the noise that they have themselves.
+        """
         again = self._attempt(stand=at_start(self.model, self.begun, self.masks))
-        return [likelier(one, other, self.model) for one, other in zip(tried, again, strict=True)]
+        tried = [likelier(one, other, self.model) for one, other in zip(tried, again, strict=True)]
+        likely = [t for t in self._likely(tried) if t.absent is None]
+        with ThreadPoolExecutor(WORKERS) as pool:
+            models = list(pool.map(lambda t: returned(t.model, self.begun, self.masks), likely))
+        back = {t.candidate.code: replace(t, models=(m, *t.models[1:]))
+                for t, m in zip(likely, models, strict=True)}
+        return [back.get(t.candidate.code, t) for t in tried]
 
     def _attempt(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = (),
                  stand: Model | None = None) -> list[Tried]:

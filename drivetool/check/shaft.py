@@ -55,8 +55,14 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     if abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05:
         return tuple(experiments), drive, []
     whole = replace(task, roles=roles)
-    if lead_of(factor, (whole, whole.at(dict(zip(task.free, model.point.values, strict=True))))) < 0.5 * BLAMED**2:
+    lead = lead_of(factor, (whole, _from(model, whole)))
+    if lead < 0.5 * BLAMED**2:
         return tuple(experiments), drive, []
+    if factor < 0.0:
+        turned = min(models, key=lambda m: abs(
+            _factor(measured, *shaft_torque_of(m), experiments[0].step)[0] + 1.0))
+        if lead_of(-1.0, (whole, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
+            factor, error, model = -1.0, 0.0, turned
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     if code not in wanted:
         return tuple(experiments), drive, []
@@ -65,8 +71,6 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor, "std": error}, "Correct sign, unit or scale of the shaft torque (or of the motor "
         "torque) in the channel map."))
-    if abs(factor + 1.0) < max(SCALE, BLAMED * error):
-        factor = -1.0  # a sign is a sign
     return rescaled(experiments, factor), model.fitted.drive, [fault]
 
 
@@ -109,6 +113,11 @@ def lead_of(factor: float, tasks: Sequence[Task]) -> float:
                 for a, b in e.segments if b - a >= 10)
     other = [replace(t, experiments=rescaled(t.experiments, factor)) for t in tasks]
     return value(tasks) - value(other) - count * float(np.log(abs(factor)))
+
+
+def _from(model: Model, whole: Task) -> Task:
+    """The task with the values of a model of the motor alone."""
+    return whole.at(dict(zip(model.task.free, model.point.values, strict=True)))
 
 
 def _doubts(model: Model) -> list[tuple[np.ndarray, float]]:
