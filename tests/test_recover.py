@@ -72,6 +72,19 @@ def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     assert abs(line.value - true) < 4.0 * line.std
 
 
+def test_a_gap_that_is_never_crossed_has_no_interval_from_a_grey_box_either(fitted):
+    # A narrower one, whose other side the load grazes by chance, seems to be known to a few per cent.
+    machine = machine_by_seed(144, gap=0.2)
+    record, _ = gap_record(machine, 144)
+    true = machine.half_gap[0]
+    drive = fitted(144).drive.with_values({"shaft.half_gap": 0.7 * true})
+    estimate = greybox([record], drive, Options(free=("shaft.half_gap",)))
+    line = next(p for p in estimate.parameters if p.name == "shaft.half_gap")
+    assert line.status == "not-identifiable" and line.ci95 is None
+    finding = next(f for f in estimate.findings if f.code == "half-gap-unbounded")
+    assert 0.5 * true < finding.evidence["at_least"] <= true
+
+
 def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
     # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
     machine, linear = machine_by_seed(237, gap=0.2), fitted(237)

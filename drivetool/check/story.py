@@ -27,6 +27,7 @@ from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.uncrossed import all_uncrossed, from_below
 
 if TYPE_CHECKING:
     from drivetool.check.rounds import Search
@@ -144,8 +145,11 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
     if not settled:
         fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
     outcome = Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled)
+    outcome, least = all_uncrossed(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
     estimate = compose("diagnose", start, outcome)
+    for name, low in least.items():
+        estimate = from_below(estimate, name, low)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
 

@@ -18,13 +18,14 @@ from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, coloured, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
-from drivetool.identify.light import fit_light, judged, loosened, never_crossed
+from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_states, roles_of
+from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
 
 # Half gaps to look at, over the twist that the torque of the record makes.
@@ -71,7 +72,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():
-        estimate = _from_below(estimate, name, low)
+        estimate = from_below(estimate, name, low)
     estimate = _one_sided_contact(_ambiguous(estimate, outcome, gaps), outcome, gaps)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
@@ -153,7 +154,7 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
     at_zero = found.low is None
     findings = list(estimate.findings)
     if found.high is None:
-        new, finding = _unbounded(line, low)
+        new, finding = unbounded(line, low)
         findings.append(finding)
     elif at_zero:
         new = replace(line, std=None, ci95=(0.0, found.high), status="at-bound" if line.value <= 0.0 else "fitted",
@@ -173,23 +174,6 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
     parameters = tuple(new if p.name == name else p for p in estimate.parameters)
     return replace(estimate, parameters=parameters, findings=tuple(findings),
                    exhibits=(*estimate.exhibits, curve))
-
-
-def _unbounded(line: Parameter, low: float) -> tuple[Parameter, Finding]:
-    """The line of a half gap without upper limit, and what to say."""
-    new = replace(line, std=None, ci95=None, status="not-identifiable",
-                  reason="the likelihood is flat towards larger gaps")
-    return new, Finding("warning", "half-gap-unbounded", f"{line.name} has no upper limit in this record.",
-                        {"at_least": low}, "Record torque steps that cross the gap both ways.")
-
-
-def _from_below(estimate: Estimate, name: str, low: float) -> Estimate:
-    """Say that a half gap is known only from below."""
-    line = next(p for p in estimate.parameters if p.name == name)
-    new, finding = _unbounded(line, low)
-    kept = [f for f in estimate.findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
-    return replace(estimate, parameters=tuple(new if p.name == name else p for p in estimate.parameters),
-                   findings=(*kept, finding))
 
 
 def _ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:

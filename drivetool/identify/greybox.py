@@ -34,10 +34,12 @@ from drivetool.identify.parts import parted, told_apart
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
+from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
+SHOWS = 6.0  # log likelihood by which a dry friction of another size must be better to be freed unasked
 
 
 def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -62,12 +64,14 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
     outcome, left = without_outliers(fit_task(task, options, [{}]))
-    white = split_totals(outcome, asked)
+    white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
     findings = [*left, *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
+    for name, low in least.items():
+        estimate = from_below(estimate, name, low)
     return told_by(estimate, worth_of_shafts(white))
 
 
@@ -148,6 +152,21 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
             if _better(trial, outcome):
                 outcome = trial
     return outcome
+
+
+def dry_friction(outcome: Outcome, options: Options) -> Outcome:
+    """Free the Coulomb friction that was given, where the record contradicts its value.
+
+    A drive that only stops, or hardly turns back, may show it too; one that never stops does not.
+    """
+    drive = outcome.task.drive
+    names = {n for n in (f"{b}.coulomb" for b in drive.bodies) if (drive.value(n) or 0.0) > 0.0}
+    names -= {*outcome.task.free, *options.hold}
+    if not names or outcome.fit is None:
+        return outcome
+    free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *names})
+    trial = again(replace(outcome.task, drive=outcome.drive, free=free), outcome.fit.noise)
+    return trial if trial.fit is not None and trial.fit.value < outcome.fit.value - SHOWS else outcome
 
 
 def _told_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:

@@ -123,17 +123,11 @@ def _fitted(model: _Model):
         if np.linalg.norm(left) < NOTHING:
             return point, before, float(np.linalg.norm(left)), True
         slope = model.sensitivity(point)
-        square, pull = slope.T @ slope, slope.T @ left
-
-        def towards(damping):
-            step = np.linalg.solve(square + damping * np.eye(model.size), pull)
-            return step, 1.0 - np.linalg.norm(left - slope @ step) / np.linalg.norm(left)
-
         # A step that is damped much promises little wherever it begins: rest is judged by one that hardly is.
-        if towards(WEAK)[1] < (1e-3 if model.linear else 1e-2):
+        if _step(slope, left, WEAK)[1] < (1e-3 if model.linear else 1e-2):
             return point, before, float(np.linalg.norm(left)), True
         for _ in range(12):
-            step, promised = towards(damping)
+            step, promised = _step(slope, left, damping)
             trial = model.white(model.residual(point - step)) if np.abs(step).max() < 30.0 else left
             drop = 1.0 - np.linalg.norm(trial) / np.linalg.norm(left)
             if drop > 0.0:
@@ -144,6 +138,12 @@ def _fitted(model: _Model):
         else:
             break
     return point, before, float(np.linalg.norm(left)), False
+
+
+def _step(slope: np.ndarray, left: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    """(damped step, share of the norm that it should take away)."""
+    step = np.linalg.solve(slope.T @ slope + damping * np.eye(slope.shape[1]), slope.T @ left)
+    return step, 1.0 - float(np.linalg.norm(left - slope @ step) / np.linalg.norm(left))
 
 
 # (name, index) of a value of the machine, or ("effects", name, index); index None: no tuple.
