@@ -148,6 +148,8 @@ def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 
     task: Task = base.fitted
     a, b, c, _ = state_space(task.drive, ("motor_torque",), task.roles.outputs[:1])
+    seen = _seen(a, c)
+    a, b, c = a[np.ix_(seen, seen)], b[seen], c[:, seen]
     n, step = len(a), base.problem.traces[0].step
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n:] = a * step, b * step
@@ -158,6 +160,14 @@ def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     p = solve_discrete_are(phi.T, c[:, None], q, np.eye(1))
     variance = float(c @ p @ c) + 1.0
     return phi, gamma, c, p @ c / variance, float(np.sqrt(variance))
+
+
+def _seen(a: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Indices of the states that reach the output: an angle that is not measured has no steady filter."""
+    seen = np.any(c != 0.0, axis=0)
+    for _ in range(len(a)):
+        seen = seen | np.any(a[seen] != 0.0, axis=0)
+    return np.flatnonzero(seen)
 
 
 def load_steps(base: Model) -> list[tuple[float, int]]:
