@@ -259,8 +259,10 @@ def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping
             law = what.partition("_")[0]
             size, phase = (value if law == "ripple" else -value), truth[f"{owner}.{law}_phase"]  # one opposes
             found |= {f"{owner}.{law}_sine": size * np.cos(phase), f"{owner}.{law}_cosine": size * np.sin(phase)}
+        elif name == "friction.drift":  # of both parts of all bodies
+            found |= {f"friction.drift_{part}": value for part in ("coulomb", "viscous")}
         elif what == "drift_time":
-            found["motor.drift_time"] = value
+            found |= {f"{o}.drift_time": value for o in ("motor", "friction")}
         elif name.startswith("body"):
             found[f"tip.{what}"] = value
         elif what not in ("viscous", "coulomb_back"):

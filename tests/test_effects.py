@@ -14,7 +14,7 @@ from drivetool.drive.simulate import Trace
 from tests.test_kernel import STEP, plant_of
 
 EACH = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
-OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor"}
+OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "load_angle")
 EXAMPLES = settings(max_examples=25, deadline=None, derandomize=True)
 LAWS = pytest.mark.parametrize("law", ["inside", "always"])
@@ -36,6 +36,7 @@ SMOOTH = {
     "asymmetric-friction": {"load.viscous_asymmetry": 0.2},
     "quadratic-drag": {"load.drag": 0.5},
     "friction-drift": {"load.drift_coulomb": 2.0, "load.drift_viscous": 0.3, "load.drift_time": 0.2},
+    "warm-up": {"friction.drift_coulomb": 0.5, "friction.drift_viscous": 0.8, "friction.drift_time": 0.2},
     "torque-ripple": {"motor.ripple_sine": 3.0, "motor.ripple_cosine": 2.0, "motor.ripple_order": 7.5},
     "imbalance": {"load.imbalance_sine": 3.0, "load.imbalance_cosine": 2.0},
     "load-step": {"load.step_torque": 8.0, "load.step_time": 0.2},

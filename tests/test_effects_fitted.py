@@ -14,7 +14,7 @@ from tests.simulator.machine import machine_by_seed
 
 MACHINE = machine_by_seed(5)
 RECORD = linear_record(MACHINE, 51, 1.0)
-OWNER = {"body": "motor", "shaft": "shaft", "path": "converter", "sensor": "sensor"}
+OWNER = {"body": "motor", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
 SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
 
 

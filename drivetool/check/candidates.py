@@ -186,10 +186,11 @@ def _imbalance(base: Model) -> list[Start]:
 
 
 def _drift(base: Model) -> list[Start]:
-    """Of the motor's friction; where a sensor behind the shaft tells them apart, also of both ends'."""
+    """Of the motor's friction, or of all alike; with a sensor behind the shaft also of both ends by themselves."""
     drive, size, found = base.task.drive, torque_size(base), []
     dry = any(n.endswith(".coulomb") and present(base, n) for n in drive.quantities)
-    if any(present(base, f"{body}.drift_{kind}") for body in drive.bodies for kind in ("viscous", "coulomb")):
+    owners = (*drive.bodies, "friction")
+    if any(present(base, f"{owner}.drift_{kind}") for owner in owners for kind in ("viscous", "coulomb")):
         return []
     apart = any(not role.startswith("motor") for role in base.task.roles.outputs)
     for bodies in [drive.bodies[:1], *([ends(base)] if apart and len(drive.bodies) > 1 else [])]:
@@ -200,6 +201,11 @@ def _drift(base: Model) -> list[Start]:
             values = {n: (1e-6 * size if n.endswith("coulomb") else 0.0) for n in names}
             times = {f"{body}.drift_time": share * motion(base)[1] for body in bodies}
             found.append(added(base, {**values, **times}, names))
+    if len(drive.bodies) > 1:
+        names = ["friction.drift_viscous", *["friction.drift_coulomb"] * dry]
+        for share in WARM:
+            found.append(added(base, {**dict.fromkeys(names, 0.0), "friction.drift_time": share * motion(base)[1]},
+                               names))
     return found
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaincc, gammaln
 
+from drivetool.check.allowance import allowed
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread, whitened
 from drivetool.check.samples import Samples
@@ -24,6 +25,7 @@ LOOKED = 1e5  # things that a search looks at and that a record can tell apart, 
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 ALONE = 0.75  # of what a cause gains, that may lie in one block
 LOUDER = 1.5  # of the likeliest torque noise, from which that of the restricted likelihood counts
+BAD = 20.0  # log likelihood that a block loses, from which what is not known of the parameters is allowed for
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
 
 
@@ -159,15 +161,27 @@ def score(model: Model, folds: Sequence[Fold]) -> Score:
         mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
         tested = [loss[mask].sum() for loss, mask in zip(mine, fold.test, strict=True)]
         value = float(np.sum(tested))
-        evidence.append(fold.best - value - price if np.isfinite(value) else -np.inf)
-        training.append(own.value)
-        trained.append(own)
         for i, a, b in blocks_of(model.problem.traces):
             mask = fold.test[i][a:b]
             if mask.any():
-                gains.append(float((theirs[i][a:b] - mine[i][a:b])[mask].sum()))
+                plain = float(mine[i][a:b][mask].sum())
+                gain = float(theirs[i][a:b][mask].sum()) - plain
+                if np.isfinite(plain) and gain < -BAD:
+                    back = plain - allowed(own, fold.train, block_of(fold.test, i, a, b), plain)
+                    gain, value = gain + back, value - back
+                gains.append(gain)
+        evidence.append(fold.best - value - price if np.isfinite(value) else -np.inf)
+        training.append(own.value)
+        trained.append(own)
     return Score(model, np.nan_to_num(np.array(gains), nan=-1e6, neginf=-1e6), tuple(evidence), tuple(training),
                  tuple(trained))
+
+
+def block_of(masks: Masks, which: int, a: int, b: int) -> Masks:
+    """The samples of masks that lie between two of one trace."""
+    found = [np.zeros_like(m) for m in masks]
+    found[which][a:b] = masks[which][a:b]
+    return found
 
 
 def foretold(models: Sequence[Model], folds: Sequence[Fold]) -> float:

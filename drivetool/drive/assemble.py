@@ -133,6 +133,10 @@ class Assembly:
         """A parameter of the motor speed sensor."""
         return self.parameter(f"sensor.{suffix}")
 
+    def of_friction(self, suffix: str) -> Dual:
+        """A parameter of the friction of all bodies."""
+        return self.parameter(f"friction.{suffix}")
+
     def _acts(self, name: str) -> bool:
         value = self.drive.values.get(name)
         return name in self.layout.free or (value is not None and value != self.drive.quantity(name).neutral)
@@ -148,6 +152,10 @@ class Assembly:
     def acts_on_path(self, suffix: str) -> bool:
         """Whether an effect of the torque path is present."""
         return self._acts(f"converter.{suffix}")
+
+    def acts_on_friction(self, suffix: str) -> bool:
+        """Whether an effect of the friction of all bodies is present."""
+        return self._acts(f"friction.{suffix}")
 
     def filters_speed(self) -> bool:
         """Whether the motor speed goes through a low-pass before it is logged."""

@@ -92,7 +92,7 @@ def integrated(problem: Problem, point: Point, noise: Noise) -> tuple[float, Nor
     passes = filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
     normal = _normal(problem, point, noise, passes)
-    matrix, slope = _whole(normal)
+    matrix, slope = arrow(normal)
     size = np.sqrt(np.diag(matrix))
     keep = size > 0.0
     size, slope = size[keep], slope[keep]
@@ -115,7 +115,7 @@ def _normal(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filte
     return model.normal(with_state(point, noise), [f.gains for f in passes])
 
 
-def _whole(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
+def arrow(normal: Normal) -> tuple[np.ndarray, np.ndarray]:
     """The block-arrow equations as one matrix and one slope."""
     k, sizes = len(normal.slope), [len(s) for s in normal.own_slope]
     edges = k + np.concatenate(([0], np.cumsum(sizes))).astype(int)

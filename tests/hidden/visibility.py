@@ -142,7 +142,9 @@ def _fitted(model: _Model):
 
 def _step(slope: np.ndarray, left: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     """(damped step, share of the norm that it should take away)."""
-    step = np.linalg.solve(slope.T @ slope + damping * np.eye(slope.shape[1]), slope.T @ left)
+    square = slope.T @ slope
+    # Of what nothing shows the damping alone must hold against rounding.
+    step = np.linalg.solve(square + (damping + 1e-14 * np.trace(square)) * np.eye(len(square)), slope.T @ left)
     return step, 1.0 - float(np.linalg.norm(left - slope @ step) / np.linalg.norm(left))
 
 

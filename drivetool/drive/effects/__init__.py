@@ -21,6 +21,7 @@ from drivetool.drive.effects import (
     speed_filter,
     stribeck,
     viscous,
+    warm_up,
 )
 from drivetool.drive.effects.effect import Effect
 
@@ -39,6 +40,7 @@ EFFECTS: tuple[Effect, ...] = (
     asymmetry.EFFECT,
     drag.EFFECT,
     drift.EFFECT,
+    warm_up.EFFECT,
     ripple.EFFECT,
     imbalance.EFFECT,
     load_step.EFFECT,

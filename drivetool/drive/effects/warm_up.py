@@ -1,0 +1,36 @@
+"""Friction of all bodies that falls by the same share while the drive warms up.
+
+One oil, one temperature: where only the motor is measured this says which body loses how much, which no
+record could.
+"""
+
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+
+def stamp(assembly, _drive):
+    """Every body's friction above its final value, as drift.py has it for one body."""
+    dry, wet, time = (assembly.of_friction(s) for s in ("drift_coulomb", "drift_viscous", "drift_time"))
+    if not (assembly.acts_on_friction("drift_coulomb") or assembly.acts_on_friction("drift_viscous")):
+        return
+    for body in range(assembly.n):
+        slides = assembly.acts(body, "coulomb")
+        level = dry * assembly.of_body(body, "coulomb") if slides else assembly.number(0.0)
+        assembly.law("drift", [level, wet * assembly.of_body(body, "viscous"), time],
+                     {assembly.speed(body): assembly.number(1.0)}, body=body, slides=slides)
+
+
+EFFECT = Effect(
+    code="warm-up",
+    of="friction",
+    quantities={
+        "drift_coulomb": Quantity("", "share of Coulomb friction lost while warming up", (-1.0, 1e3), 1e-3, 0.0),
+        "drift_viscous": Quantity("", "share of viscous friction lost while warming up", (-1.0, 1e3), 1e-3, 0.0),
+        "drift_time": Quantity("s", "time constant of warming up", (1e-2, 1e6), 0.1, 10.0),
+    },
+    stamp=stamp,
+    law="T = (sd Tc sgn(w) + sv c w) exp(-t/tau), shares of the warm friction of every body",
+    needs="steady running from cold for longer than the time constant; best a repeated record",
+    source="Bittencourt, Gunnarsson 2012, J. Dyn. Sys. Meas. Control 134",
+    present=("drift_coulomb", "drift_viscous"),
+)
