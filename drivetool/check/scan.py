@@ -14,7 +14,7 @@ from drivetool.drive.simulate import Trace
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import filtered, minus_log_likelihood, normal_under
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood, normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
@@ -143,7 +143,7 @@ def disturbance_response(base: Model, frequencies: np.ndarray) -> np.ndarray:
 
 
 def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """(Phi, Gamma, C, gain, std of the innovations over the sensor's) of the closed linear drive."""
+    """(Phi, Gamma, C, gain, std of the innovations over the sensor's) of the closed linear drive and its noise."""
     from scipy.linalg import expm, solve_discrete_are
 
     task: Task = base.fitted
@@ -156,10 +156,27 @@ def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     whole = expm(whole)
     phi, gamma, c = whole[:n, :n], whole[:n, n], c[0]
     ratio = max(base.noise.ratio, 1e-6)
-    q = np.outer(gamma, gamma) * ratio**2 + 1e-14 * np.outer(gamma, gamma).trace() * ratio**2 * np.eye(n)
+    phi, gamma, c, q = _with_noise(phi, gamma, c, base.noise)
+    q = ratio**2 * (q + 1e-14 * q.trace() * np.eye(len(q)))
     p = solve_discrete_are(phi.T, c[:, None], q, np.eye(1))
     variance = float(c @ p @ c) + 1.0
     return phi, gamma, c, p @ c / variance, float(np.sqrt(variance))
+
+
+def _with_noise(phi: np.ndarray, gamma: np.ndarray, c: np.ndarray, noise: Noise,
+                ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(Phi, Gamma, C, covariance of what a sample brings for a ratio of one), a memory of the noise as a state."""
+    if noise.memory is None:
+        return phi, gamma, c, np.outer(gamma, gamma)
+    n = len(phi)
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, n] = phi, gamma, noise.memory
+    brings = np.zeros(n + 1)
+    if noise.slow is None:
+        brings[n] = np.sqrt(1.0 - noise.memory**2)
+    else:
+        brings[:n], brings[n] = gamma, (noise.slow - 1.0) * (1.0 - noise.memory)
+    return whole, np.append(gamma, 0.0), np.append(c, 0.0), np.outer(brings, brings)
 
 
 def _seen(a: np.ndarray, c: np.ndarray) -> np.ndarray:
