@@ -157,19 +157,12 @@ def score(model: Model, folds: Sequence[Fold]) -> Score:
     gains, evidence, training, trained = [], [], [], []
     local, price = cautious(located(model), folds[0].train), price_of(model, folds[0].trained)
     for fold in folds:
-        own = refit(local, fold.train)
-        mine, theirs = predicted(own, fold), predicted(fold.trained, fold)
-        tested = [loss[mask].sum() for loss, mask in zip(mine, fold.test, strict=True)]
-        value = float(np.sum(tested))
-        for i, a, b in blocks_of(model.problem.traces):
-            mask = fold.test[i][a:b]
-            if mask.any():
-                plain = float(mine[i][a:b][mask].sum())
-                gain = float(theirs[i][a:b][mask].sum()) - plain
-                if np.isfinite(plain) and gain < -BAD:
-                    back = plain - allowed(own, fold.train, block_of(fold.test, i, a, b), plain)
-                    gain, value = gain + back, value - back
-                gains.append(gain)
+        own, value = refit(local, fold.train), 0.0
+        for block, mine, theirs in _blocks_of(own, fold.trained, fold):
+            if np.isfinite(mine) and theirs - mine < -BAD:
+                mine = allowed(own, fold.train, block, mine)
+            gains.append(theirs - mine)
+            value += mine
         evidence.append(fold.best - value - price if np.isfinite(value) else -np.inf)
         training.append(own.value)
         trained.append(own)
@@ -177,17 +170,32 @@ def score(model: Model, folds: Sequence[Fold]) -> Score:
                  tuple(trained))
 
 
-def block_of(masks: Masks, which: int, a: int, b: int) -> Masks:
-    """The samples of masks that lie between two of one trace."""
-    found = [np.zeros_like(m) for m in masks]
-    found[which][a:b] = masks[which][a:b]
+def lead_in_blocks(one: Model, other: Model, fold: Fold) -> list[float]:
+    """(blocks,) log likelihood of the test samples by one model over that by another, both trained in the fold.
+
+    Where one fails badly, what is not known of its parameters is allowed for.
+    """
+    leads = []
+    for block, mine, theirs in _blocks_of(one, other, fold):
+        lead = theirs - mine
+        if lead < -BAD:
+            lead = theirs - allowed(one, fold.train, block, mine)
+        elif lead > BAD:
+            lead = allowed(other, fold.train, block, theirs) - mine
+        leads.append(lead)
+    return leads
+
+
+def _blocks_of(one: Model, other: Model, fold: Fold) -> list[tuple[Masks, float, float]]:
+    """The test samples of each block, and their -log likelihood by both models."""
+    found = []
+    losses_of = [predicted(m, fold) for m in (one, other)]
+    for i, a, b in blocks_of(one.problem.traces):
+        block = [np.zeros_like(m) for m in fold.test]
+        block[i][a:b] = fold.test[i][a:b]
+        if block[i].any():
+            found.append((block, *(float(each[i][block[i]].sum()) for each in losses_of)))
     return found
-
-
-def foretold(models: Sequence[Model], folds: Sequence[Fold]) -> float:
-    """-log likelihood of all test samples by what was trained in each fold."""
-    return float(sum(loss[mask].sum() for model, fold in zip(models, folds, strict=True)
-                     for loss, mask in zip(predicted(model, fold), fold.test, strict=True)))
 
 
 def predicted(model: Model, fold: Fold) -> list[np.ndarray]:

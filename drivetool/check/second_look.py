@@ -13,7 +13,7 @@ from drivetool.check.candidates import torque_size
 from drivetool.check.decide import decide
 from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.heldout import foretold, score
+from drivetool.check.heldout import lead_in_blocks, score
 from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
@@ -61,7 +61,10 @@ def _looked_again(search: Search) -> Search:
     else:
         other.ends = single
     other.run()
-    if len(other.causes) <= taken or not foretold(other.trained, folds) < foretold(search.trained, folds):
+    if len(other.causes) <= taken:
+        return search
+    trials = zip(other.trained, search.trained, folds, strict=True)
+    if not np.concatenate([lead_in_blocks(*trial) for trial in trials]).sum() > 0.0:
         return search
     decision = decide([score(other.model, folds)], budget)
     if decision.best is None:
