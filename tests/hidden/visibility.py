@@ -26,6 +26,7 @@ SMALL = 1e-4
 WEAK = 1e-6
 NOTHING = 1e-3
 FAINT = 3.0
+SLOW, PATIENCE = 0.001, 4
 SOFTER = 0.7
 
 
@@ -116,10 +117,12 @@ def _fitted(model: _Model):
 
     A unit of every scaled parameter is a large step, so that the damping needs no scaling.
     """
-    point, damping = np.zeros(model.size), 1e-3
+    point, damping, slow = np.zeros(model.size), 1e-3, 0
     left = model.white(model.residual(point))
     before = float(np.linalg.norm(left))
     for _ in range(MOST_ROUNDS):
+        if slow == PATIENCE:
+            break
         if np.linalg.norm(left) < NOTHING:
             return point, before, float(np.linalg.norm(left)), True
         slope = model.sensitivity(point)
@@ -133,6 +136,7 @@ def _fitted(model: _Model):
             if drop > 0.0:
                 point, left = point - step, trial
                 damping *= 0.05 if drop > 0.5 * promised else 1.0
+                slow = slow + 1 if drop < SLOW else 0
                 break
             damping *= 30.0
         else:
