@@ -34,6 +34,10 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
                                "record": "one-directional", "noise": "loud"} | SHORT),
         # In every one of several records.
         ("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT),
+        # Without the friction the load's share of the inertia comes out wrong, and with it the scale of the sensor.
+        (("coulomb-load", "wrong-sign-shaft"), 400004, {
+            "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
+            "size": {"coulomb-load": 0.0262}}),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
@@ -71,7 +75,7 @@ def test_a_hidden_effect_is_named_from_a_short_record(effect, machine, tmp_path)
 @pytest.mark.parametrize(("effects", "machine", "options"), MORE)
 def test_pairs_and_other_kinds_of_record(effects, machine, options, tmp_path):
     codes = (effects,) if isinstance(effects, str) else effects
-    rivals = ",".join(dict.fromkeys((*codes, *RIVALS[1:])))
+    rivals = ",".join(dict.fromkeys((*(CODES[code] for code in codes), *RIVALS[1:])))
     answer, causes = answered(effects, machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", rivals], **options)
     assert grade(causes, answer) == "right", answer.talk
@@ -112,6 +116,24 @@ def test_a_lag_is_named_or_left_open_with_what_looks_like_it(tmp_path):
                               ["--candidates", "converter-lag,backlash,coulomb-load,quadratic-drag"], **SHORT)
     assert grade(causes, answer) in ("right", "undetermined"), answer.talk
     assert set(answer.causes or answer.between) <= {"converter-lag", "dead-time", "speed-filter"}
+
+
+def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
+    # Thirty times the damping makes up for it, and a delay that is fitted from there finds no way back.
+    answer, _ = answered(("dead-time", "stribeck-load"), 300003, tmp_path / "records", tmp_path / "labels",
+                         ["--candidates", "dead-time,converter-lag,speed-filter"], seed=300003, record="cruise",
+                         size={"dead-time": 3.7, "stribeck-load": 0.018})
+    assert answer.verdict == "undetermined" and "dead-time" in answer.between, answer.talk
+
+
+@pytest.mark.study
+def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path):
+    # Without the load's breakaway friction one at the motor makes up for it; beside it a dry one will do.
+    answer, causes = answered(("coulomb-motor", "stribeck-load"), 400203, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "coulomb-motor,stribeck-motor,stribeck-load"], seed=400203,
+                              record="chirp", duration=20.0,
+                              size={"coulomb-motor": 0.019657818, "stribeck-load": 0.0316933266})
+    assert grade(causes, answer) == "right", answer.talk
 
 
 def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):

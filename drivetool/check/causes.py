@@ -19,6 +19,7 @@ class Cause:
     sizes    suffixes of the parameters that say how large it is, the most telling one first
     bodies   fewest bodies of a drive that can have it
     needs    what a record must contain to show it, where no effect says it
+    further  codes of effects that are the same cause in another form
     """
 
     name: str
@@ -28,6 +29,7 @@ class Cause:
     sizes: tuple[str, ...] = ()
     bodies: int = 1
     needs: str = ""
+    further: tuple[str, ...] = ()
 
 
 CAUSES = {
@@ -114,7 +116,7 @@ CAUSES = {
     "friction-drift": Cause(
         "friction that falls while warming up", "Friction was higher at the start of the record and fell as "
         "the drive warmed up.", "Warm up first, or record until nothing changes.", "friction-drift",
-        ("drift_coulomb", "drift_viscous", "drift_time")),
+        ("drift_coulomb", "drift_viscous", "drift_time"), further=("warm-up",)),
     "wrong-sign": Cause(
         "a channel with the wrong sign", "Two channels that should agree have opposite signs.",
         "Set 'sign: -1' for that role in the channel map.", None, ("scale",),

@@ -299,20 +299,45 @@ class Search:
         self.model = replace(self.model, task=task, problem=replace(self.model.problem, traces=traces))
 
     def _drop_needless(self) -> None:
-        """Take out what an earlier round put in and a later one has made needless."""
+        """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
         for code in self.causes[:-1]:
-            task, names = self.model.fitted, self.added[code]
-            values = {n: v for n, v in task.drive.values.items() if n not in names}
-            if not names or task.drive.bodies != self.first.task.drive.bodies:
+            names = self.added[code]
+            if not names or self.model.task.drive.bodies != self.first.task.drive.bodies:
                 continue
-            less = replace(task, drive=replace(task.drive, values=values),
-                           free=tuple(n for n in task.free if n not in names))
-            problem = less.problem()
-            trial = fit(code, less, problem, carried(self.model, less, problem), self.model.noise, self.masks)
-            if trial.value < self.model.value + TRIFLE * len(names):
+            if self._needless(names):
                 self.causes.remove(code)
                 self.between = () if code in self.between else self.between
-                self.model = replace(trial, code=self.model.code)
+                continue
+            surplus = tuple(n for n in names if not n.endswith(".coulomb"))
+            for simple in NESTED.get(code, ()):
+                if len(surplus) < len(names) and self._needless(surplus):
+                    self._rename(code, simple)
+
+    def _needless(self, names: Sequence[str]) -> bool:
+        """Take parameters out of the model if it is as good without them; whether that was done."""
+        task = self.model.fitted
+        values = {n: v for n, v in task.drive.values.items() if n not in names}
+        for n in [n for n in names if n.endswith(".stribeck")]:  # without its surplus friction is what it was
+            dry = n.replace(".stribeck", ".coulomb")
+            values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
+        less = replace(task, drive=replace(task.drive, values=values),
+                       free=tuple(n for n in task.free if n not in names))
+        problem = less.problem()
+        point = carried(self.model, less, problem)
+        trial = fit(self.model.code, less, problem, point, self.model.noise, self.masks)
+        if trial.value > self.model.value + TRIFLE * len(names):
+            return False
+        self.model = trial
+        return True
+
+    def _rename(self, code: str, simple: str) -> None:
+        """Call a cause by its special case, in all that is said of it."""
+        self.causes[self.causes.index(code)] = simple
+        self.evidence[simple], self.added[simple] = self.evidence.pop(code), self.added.pop(code)
+        self.between = tuple(simple if c == code else c for c in self.between)
+        self.rounds = [one if one.cause != code else replace(one, cause=simple, candidates=tuple(
+            replace(c, state={code: "worse", simple: "named"}.get(c.code, c.state)) for c in one.candidates))
+            for one in self.rounds]
 
     def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
         """The gain in free runs over held-out blocks."""

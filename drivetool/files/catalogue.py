@@ -80,7 +80,7 @@ def _effect(effect: Effect) -> dict[str, Any]:
             "neutral": "infinite" if q.neutral is not None and math.isinf(q.neutral) else q.neutral}
             for suffix, q in effect.quantities.items()},
         "needs": effect.needs, "source": effect.source,
-        "diagnosed_as": {code: c.name for code, c in CAUSES.items() if c.effect == effect.code}}
+        "diagnosed_as": {code: c.name for code, c in CAUSES.items() if effect.code in (c.effect, *c.further)}}
 
 
 def _cause(code: str) -> dict[str, Any]:

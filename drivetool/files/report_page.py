@@ -68,8 +68,9 @@ def _gain(gain: Gain) -> str:
 def _causes(diagnosis: Diagnosis) -> str:
     """A sentence per cause, and what each round brought."""
     lines = ["<h2>What was found</h2>"]
+    final = {p.name: p for p in diagnosis.estimate.parameters}
     for found in words.named_results(diagnosis):
-        name, text, look = words.finding_of(found)
+        name, text, look = words.finding_of(found, final if found.code in diagnosis.causes else {})
         doubt = " (one of the possible causes)" if found.code not in diagnosis.causes else ""
         law = f' <span class="small">Law: <code>{escape(found.law)}</code></span>' if found.law else ""
         lines.append(f"<h3>{escape(name)}{doubt}</h3>\n<p>{escape(text)} {escape(look)}{law}</p>")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from drivetool.check.causes import CAUSES, told_sizes
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Diagnosis, Gain, Round
@@ -34,14 +36,18 @@ CAPTIONS = {
 }
 
 
-def finding_of(found: CandidateResult) -> tuple[str, str, str]:
-    """(headline, sentence with its size, what to do) of a cause."""
+def finding_of(found: CandidateResult, final: Mapping[str, Parameter] = MappingProxyType({}),
+               ) -> tuple[str, str, str]:
+    """(headline, sentence with its size, what to do) of a cause.
+
+    final  parameters of the extended drive, where it has the cause: rounds after its own have moved its size
+    """
     if found.code == UNLISTED:
         return ("Or something that is in no catalogue", "Noise of the torque would otherwise have to be larger "
                 "than it usually is.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
-    told = [size_of(p) for p in told_sizes(found.code, found.parameters)]
+    told = [size_of(final.get(p.name, p)) for p in told_sizes(found.code, found.parameters)]
     size = f" The fit gives {', '.join(told)}." if told else ""
     text = cause.text if cause else f"The model lacks {found.law or found.code}."
     where = f" {found.reason}" if found.reason and found.state in ("named", "possible") else ""
