@@ -309,7 +309,7 @@ class Search:
                 self.between = () if code in self.between else self.between
                 continue
             surplus = tuple(n for n in names if not n.endswith(".coulomb"))
-            for simple in NESTED.get(code, ()):
+            for simple in self.asked & {*NESTED.get(code, ())}:
                 if len(surplus) < len(names) and self._needless(surplus):
                     self._rename(code, simple)
 

@@ -62,15 +62,15 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         turned = min(models, key=lambda m: abs(
             _factor(measured, *shaft_torque_of(m), experiments[0].step)[0] + 1.0))
         if lead_of(-1.0, (whole, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
-            factor, error, model = -1.0, 0.0, turned
+            factor, error, model = -1.0, np.nan, turned  # a sign is no measured number
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     if code not in wanted:
         return tuple(experiments), drive, []
     fault = Fault(code, Finding(
         "warning", code,
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
-        {"factor": factor, "std": error}, "Correct sign, unit or scale of the shaft torque (or of the motor "
-        "torque) in the channel map."))
+        {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
+        "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."))
     return rescaled(experiments, factor), model.fitted.drive, [fault]
 
 
