@@ -38,6 +38,10 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
         (("coulomb-load", "wrong-sign-shaft"), 400004, {
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
             "size": {"coulomb-load": 0.0262}}),
+        # The lag that the base lacks had turned the sign into a scale of -1.03, and what came after it wrong.
+        (("wrong-sign-shaft", "converter-lag"), 500000, {
+            "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
+            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.

@@ -22,7 +22,7 @@ from drivetool.check.preflight import LATE, Fault, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.second_look import second_look
-from drivetool.check.shaft import shaft_fault
+from drivetool.check.shaft import rescaled, shaft_fault
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.story import UNEXPLAINED, tell
 from drivetool.drive.chain import Drive
@@ -61,30 +61,62 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     mended, faults = preflight(logged, unmodelled(wanted, drive))
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []
+    blamed: list[Fault] = []
     try:
-        mended, drive, more = shaft_fault(mended, drive, free, wanted)
-        faults += more
+        mended, drive, blamed = shaft_fault(mended, drive, free, wanted)
+        faults += blamed
     except (np.linalg.LinAlgError, DriveToolError):
         notes.append(UNCHECKED)
     if any(f.code == "outliers" for f in faults):
         mended, faults = doubted_outliers(mended, logged, drive, free, faults)
-    train, test = mended[:len(experiments)], mended[len(experiments):]
-    task = task_of(mended, drive, free)
-    traces = task.problem().traces
-    if sum(t.step * t.size for t in traces) < SHORTEST:
-        raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
-                            "Record longer, or give several logs.")
-    samples = samples_of(traces, train, test, drive)
-    base = base_model(task, fitted_samples(samples), begun)
-    search = Search(base, not_ruled_out(wanted, mended), options, samples, faults, train)
-    search.possible = frozenset(not_ruled_out(tuple(CAUSES), mended))
-    search.notes, search.begun = tuple(notes), begun
-    if len(free) > len(given[1]):
-        search.begin_with(base_model(task_of(mended, *given), search.masks))
-    search = second_look(search.run())
+    def searched(records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Search:
+        train, test = records[:len(experiments)], records[len(experiments):]
+        task = task_of(records, drive, free)
+        traces = task.problem().traces
+        if sum(t.step * t.size for t in traces) < SHORTEST:
+            raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
+                                "Record longer, or give several logs.")
+        samples = samples_of(traces, train, test, drive)
+        base = base_model(task, fitted_samples(samples), begun)
+        search = Search(base, not_ruled_out(wanted, records), options, samples, faults, train)
+        search.possible = frozenset(not_ruled_out(tuple(CAUSES), records))
+        search.notes, search.begun = tuple(notes), begun
+        if len(free) > len(given[1]):
+            search.begin_with(base_model(task_of(records, *given), search.masks))
+        return second_look(search.run())
+
+    search = searched(mended, drive, faults)
+    other = shaft_again(search, mended, blamed, wanted)
+    if other is not None:
+        mended, values, faults = other
+        search = searched(mended, drive.with_values({n: values[n] for n in free if n in values}), faults)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search.leave_out(*without_surprises(search.model, mended))
     return tell(search, drive, options)
+
+
+def shaft_again(search: Search, mended: Sequence[Experiment], blamed: Sequence[Fault], wanted: Sequence[str],
+                ) -> tuple[tuple[Experiment, ...], Mapping[str, float], list[Fault]] | None:
+    """(records, values to start from, faults) where a sensor has another scale with the causes that were found.
+
+    Without them the base made up for what it lacks, and the shaft torque was held against that. A plain sign has no
+    standard error and stays.
+
+    blamed  what the shaft torque was blamed for, undone in the records
+    """
+    told = [f.finding.evidence for f in blamed if "std" in f.finding.evidence]
+    if not told or not search.causes:
+        return None
+    factor, std = told[0]["factor"], told[0]["std"]
+    task = search.model.fitted
+    try:
+        records, drive, faults = shaft_fault(rescaled(mended, 1.0 / factor), task.drive, task.free, wanted)
+    except (np.linalg.LinAlgError, DriveToolError):
+        return None
+    found = faults[0].finding.evidence["factor"] if faults else 1.0
+    if abs(found - factor) < std:
+        return None
+    return records, drive.values, [*faults, *(f for f in search.faults if f not in blamed)]
 
 
 def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment], drive: Drive, free: Sequence[str],
