@@ -11,7 +11,7 @@ from drivetool.check.candidates import Candidate, Start, motion, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit, judge
-from drivetool.check.structure import carried
+from drivetool.check.structure import carried, tip_names
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step, schur
@@ -159,17 +159,20 @@ def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
 def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit.
 
-    Where parameters trade against one another a standard error says little: the base begun there decides.
+    Where parameters trade against one another a standard error says little: the base begun there decides. Not over
+    a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none.
     """
-    if not tried.smallest or tried.model is None:
+    longer = tried.model is not None and tried.model.task.drive.bodies != base.task.drive.bodies
+    if not (tried.smallest or longer) or tried.model is None:
         return tried
     try:
         found = {p.name: abs(p.value / p.std) for p in values_of(tried.model, base) if p.std}
     except BROKEN:
         return tried
     own = CAUSES[tried.candidate.code].sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
-    sizes = [found[n] for n in tried.smallest if n in found and n.rpartition(".")[2] in own]
-    if not sizes or max(sizes) > TOLD or _needed(tried.model, base, masks):
+    named = tip_names(base.task.drive)[:1] if longer else tried.smallest
+    sizes = [found[n] for n in named if n in found and (longer or n.rpartition(".")[2] in own)]
+    if not sizes or max(sizes) > TOLD or (not longer and _needed(tried.model, base, masks)):
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
 
