@@ -232,7 +232,12 @@ def surprise(one: Score, gained: float = 0.0) -> float:
     """
     if one.gain < one.gain_std or one.lead < INEXACT * gained:
         return -np.inf
-    return float(-log_tail(2.0 * max(one.lead, 0.0), max(one.further, 1)) - np.log(LOOKED))
+    return unlikely(one.lead, one.further)
+
+
+def unlikely(lead: float, further: int) -> float:
+    """Natural log of one over the share of records without a cause in which one of so many parameters leads so."""
+    return float(-log_tail(2.0 * max(lead, 0.0), max(further, 1)) - np.log(LOOKED))
 
 
 def in_one_place(one: Score, base: Model) -> bool:

@@ -11,18 +11,18 @@ import numpy as np
 from drivetool.check.afresh import at_start, likelier, returned, strayed
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
+from drivetool.check.decide import LEFT, Decision, decide, mistaken_for, rivals_with
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
+from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence, unlikely
 from drivetool.check.hypothesis import TRIFLE, Tried, also, as_special_case, attempt, polished, sizeable, without
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
 from drivetool.check.samples import fitted_samples
 from drivetool.check.story import results_of
-from drivetool.check.structure import carried
+from drivetool.check.structure import carried, tip_names, without_tip
 from drivetool.errors import Finding
 from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
@@ -59,7 +59,7 @@ class Search:
         self.notes: tuple[Finding, ...] = ()
         self.begun: Mapping[str, float] = {}
         self.causes: list[str] = []
-        self.between: tuple[str, ...] = ()
+        self.rivals: dict[str, tuple[str, ...]] = {}  # cause -> what explains the record as well
         self.evidence: dict[str, float] = {}
         self.added: dict[str, tuple[str, ...]] = {}
         self.rounds: list[Round] = []
@@ -276,10 +276,7 @@ class Search:
     def _adopt(self, decision: Decision) -> None:
         """Make the winner the base of the next round."""
         best, code = decision.best, decision.best.model.code
-        if code in self.between:
-            self.between = ()  # not one or the other, but both
-        elif len(decision.between) > 1:
-            self.between = (*self.between, *decision.between)
+        self.rivals = rivals_with(self.rivals, code, decision.between)
         self.causes.append(code)
         self.ends = {}  # they lack what is adopted now
         self.evidence[code] = decision.evidence
@@ -300,41 +297,58 @@ class Search:
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
+        before = self.model
         for code in self.causes[:-1]:
             names = self.added[code]
-            if not names or self.model.task.drive.bodies != self.first.task.drive.bodies:
+            longer = self.model.task.drive.bodies != self.first.task.drive.bodies
+            if not names or (longer and tip_names(self.first.task.drive)[0] not in names):
                 continue
-            if self._needless(names):
+            if self._needless(names, beside=True):
                 self.causes.remove(code)
-                self.between = () if code in self.between else self.between
+                self.rivals.pop(code, None)
                 continue
             surplus = tuple(n for n in names if not n.endswith(".coulomb"))
             for simple in self.asked & {*NESTED.get(code, ())}:
                 if len(surplus) < len(names) and self._needless(surplus):
                     self._rename(code, simple)
+        if self.model is not before:
+            self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
 
-    def _needless(self, names: Sequence[str]) -> bool:
-        """Take parameters out of the model if it is as good without them; whether that was done."""
+    def _needless(self, names: Sequence[str], beside: bool = False) -> bool:
+        """Take parameters out of the model if it is as good without them; whether that was done.
+
+        beside  as good is then what would not be found beside the other causes
+        """
         task = self.model.fitted
+        if tip_names(self.first.task.drive)[0] in names:
+            task = without_tip(task, self.first.task.drive)
         values = {n: v for n, v in task.drive.values.items() if n not in names}
         for n in [n for n in names if n.endswith(".stribeck")]:  # without its surplus friction is what it was
             dry = n.replace(".stribeck", ".coulomb")
             values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
-        less = replace(task, drive=replace(task.drive, values=values),
-                       free=tuple(n for n in task.free if n not in names))
+        drive = replace(task.drive, values=values)
+        less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
         problem = less.problem()
         point = carried(self.model, less, problem)
         trial = fit(self.model.code, less, problem, point, self.model.noise, self.masks)
-        if trial.value > self.model.value + TRIFLE * len(names):
+        lead = trial.value - self.model.value
+        chance = beside and unlikely(lead, len(names)) < np.log(1.0 / self.options.error_budget)
+        if lead > TRIFLE * len(names) and not chance:
             return False
         self.model = trial
         return True
+
+    @property
+    def between(self) -> tuple[str, ...]:
+        """The causes that have rivals, and those, in the order found."""
+        return tuple(dict.fromkeys(c for code in self.causes for c in (code, *self.rivals.get(code, ()))
+                                   if self.rivals.get(code)))
 
     def _rename(self, code: str, simple: str) -> None:
         """Call a cause by its special case, in all that is said of it."""
         self.causes[self.causes.index(code)] = simple
         self.evidence[simple], self.added[simple] = self.evidence.pop(code), self.added.pop(code)
-        self.between = tuple(simple if c == code else c for c in self.between)
+        self.rivals[simple] = self.rivals.pop(code, ())
         self.rounds = [one if one.cause != code else replace(one, cause=simple, candidates=tuple(
             replace(c, state={code: "worse", simple: "named"}.get(c.code, c.state)) for c in one.candidates))
             for one in self.rounds]

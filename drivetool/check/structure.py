@@ -50,6 +50,22 @@ def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | Non
     return replace(task, drive=longer, free=free)
 
 
+def without_tip(task: Task, before: Drive) -> Task:
+    """The task with its third mass one with the last body again; what acts on the one acts on the other.
+
+    before  the drive before that was split off
+    """
+    names, last = tip_names(before), before.bodies[-1]
+    values: dict[str, float] = {}
+    for name, value in task.drive.values.items():
+        own = name.replace(f"{TIP}.", f"{last}.")
+        summed = own != name or f"{TIP}.{own.removeprefix(f'{last}.')}" in task.drive.values
+        values |= {own: values.get(own, 0.0) + value if summed else value} if name not in names[1:] else {}
+    free = {n.replace(f"{TIP}.", f"{last}.") for n in task.free if n not in names}
+    drive = replace(before, values=values)
+    return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
+
+
 def states_of(task: Task, step: float) -> list[str]:
     """Names of the states of a task's model."""
     layout = Layout(task.free, task.roles.inputs, task.roles.outputs, step, gradient=False)

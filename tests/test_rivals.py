@@ -1,0 +1,83 @@
+"""Causes of several rounds: which stay rivals, and what a later one makes needless."""
+
+import numpy as np
+import pytest
+
+from drivetool.check.candidates import CANDIDATES
+from drivetool.check.decide import rivals_with
+from drivetool.check.hypothesis import Tried, sizeable
+from drivetool.check.model import everything, fit, from_start
+from drivetool.check.structure import carried, with_tip, without_tip
+from drivetool.identify.engine import Task
+from drivetool.identify.setup import problem_of, roles_of
+from tests.recover import STEP, drive_like, experiment, linear_record, resonance
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import machine_by_seed
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
+
+FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load.idle_torque", "shaft.stiffness",
+        "shaft.damping")
+DELAYS = ("converter-lag", "speed-filter", "dead-time")
+
+
+@pytest.mark.parametrize(("rounds", "expected"), [
+    ([("backlash", ("backlash",))], {"backlash": ()}),
+    ([("coulomb-load", ("coulomb-load", "coulomb-motor"))], {"coulomb-load": ("coulomb-motor",)}),
+    # One, and then the other: both are there.
+    ([("coulomb-load", ("coulomb-load", "coulomb-motor")), ("coulomb-motor", ("coulomb-motor",))],
+     {"coulomb-load": (), "coulomb-motor": ()}),
+    # A delay that is found beside a third mass was not its rival; which delay it is stays open.
+    ([("third-mass", ("third-mass", *DELAYS)), ("converter-lag", (*DELAYS, "asymmetric-friction")),
+      ("asymmetric-friction", ("asymmetric-friction",))],
+     {"third-mass": (), "converter-lag": DELAYS[1:], "asymmetric-friction": ()}),
+    # Nothing was learnt about what was open before.
+    ([("converter-lag", DELAYS), ("backlash", ("backlash", "hardening-stiffness"))],
+     {"converter-lag": DELAYS[1:], "backlash": ("hardening-stiffness",)})])
+def test_what_stays_open_from_round_to_round(rounds, expected):
+    rivals = {}
+    for code, between in rounds:
+        rivals = rivals_with(rivals, code, between)
+    assert rivals == expected
+
+
+def model_of(record, machine):
+    drive = drive_like(machine, list(FREE))
+    return from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
+
+
+@pytest.fixture(scope="module")
+def base():
+    machine = machine_by_seed(20)
+    return model_of(linear_record(machine, 20, duration=4.0), machine)
+
+
+def test_a_third_mass_goes_back_to_where_it_was_split_off(base):
+    longer = with_tip(base, 0.3, 3.0, 0.05)
+    drive = longer.drive.with_values({"tip.coulomb": 0.3, "load.coulomb": 0.2, "tip.drag": 0.01,
+                                      "motor.drag": 0.02})
+    longer = Task(drive, (*longer.free, "tip.drag"), longer.roles, longer.experiments)
+    back = without_tip(longer, base.task.drive)
+    before = base.fitted.drive
+    assert back.drive.bodies == before.bodies and set(back.free) == {*FREE, "load.drag"}
+    added = {"load.coulomb": 0.5, "load.drag": 0.01, "motor.drag": 0.02}
+    for name, value in (dict(before.values) | added).items():
+        assert back.drive.value(name) == pytest.approx(value, rel=1e-12), name
+
+
+def test_a_swing_from_the_start_is_no_third_mass():
+    """A disturbance that dies away is what a mass without inertia leaves that was wound up at the start."""
+    machine, size = machine_by_seed(20), 6000
+    t, rated = STEP * np.arange(size), machine_by_seed(20).rated_torque
+    torque = multisine(np.linspace(0.05, 1.5, 12) * resonance(machine), 0.1 * rated, size * STEP, STEP, 20)[:size]
+    swing = 0.05 * rated * np.exp(-t / 2.0) * np.sin(2.0 * np.pi * 0.4 * t)
+    run = simulate_linear(machine, torque, STEP, None, swing + white_noise(size, 0.003 * rated, 1))
+    speed = run.speeds[:, 0]
+    base = model_of(experiment(torque, speed + white_noise(size, 2e-3 * np.abs(speed).max(), 2)), machine)
+    masks = everything(base.problem)
+    task = with_tip(base, 0.003, 0.4 / resonance(machine), 0.2)
+    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+    model = fit("third-mass", task, problem, carried(base, task, problem), base.noise, masks)
+    third = next(c for c in CANDIDATES if c.code == "third-mass")
+    assert model.value < base.value - 100.0
+    assert sizeable(Tried(third, (model,), {}), base, masks).absent == "no-gain"
