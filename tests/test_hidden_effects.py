@@ -68,6 +68,20 @@ def test_a_hidden_effect_is_named(effect, machine, options, tmp_path):
     assert after <= before * 1.01
 
 
+def test_a_hidden_effect_is_named_by_a_record_held_out(tmp_path):
+    """That judges all the rest is fitted to; where it has the effect too, nothing is held out of the other."""
+    case = make_case("coulomb-load", 12, **SHORT)
+    logs, held = case.write_records(tmp_path)
+    words = ["--candidates", ",".join(("coulomb-load", *RIVALS)), "--holdout", held[0].name]
+    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case), words)
+    assert grade(case.label(False)["causes"], answer) == "right", answer.talk
+    floor, after = answer.gain["noise_floor"], answer.gain["held_out_rmse_after"]
+    assert 0.9 * floor < after < 1.1 * floor < answer.gain["held_out_rmse_before"]
+    friction = answer.parameters["load.coulomb"]["ci95"]
+    truth = case.label(False)["effects"][0]["truth"]["load.coulomb"]
+    assert friction[0] <= truth <= friction[1]
+
+
 @pytest.mark.parametrize(("effect", "machine"), SOON)
 def test_a_hidden_effect_is_named_from_a_short_record(effect, machine, tmp_path):
     rivals = ",".join(dict.fromkeys((CODES[effect], *RIVALS[1:])))
