@@ -22,12 +22,13 @@ def with_parts(model: Model, masks: Masks) -> Model:
     for total in TOTALS:
         if total not in model.task.free:
             continue
-        task, parts = parted(model.fitted, total)
-        problem = task.problem()
-        begun = replace(model, task=task, problem=problem, point=carried(model, task, problem))
-        normal = normal_under(problem, begun.point, model.noise)
-        if told_apart(problem, begun.point, normal, parts, model.fitted.drive.values[total]):
-            trial = fit(model.code, task, problem, begun.point, model.noise, masks)
-            if trial.value < model.value + WORSE:
-                model = trial
+        for task, parts in parted(model.fitted, total):
+            problem = task.problem()
+            begun = replace(model, task=task, problem=problem, point=carried(model, task, problem))
+            normal = normal_under(problem, begun.point, model.noise)
+            if told_apart(problem, begun.point, normal, parts, model.fitted.drive.values[total]):
+                trial = fit(model.code, task, problem, begun.point, model.noise, masks)
+                if trial.value < model.value + WORSE:
+                    model = trial
+                break
     return model

@@ -145,12 +145,13 @@ def split_totals(outcome: Outcome, options: Options) -> Outcome:
         if total not in outcome.task.free or total in options.free or total in options.hold:
             continue
         whole = outcome.drive.values[total]
-        task, parts = parted(replace(outcome.task, drive=outcome.drive), total)
-        if _told_apart(task, outcome, parts, whole):
-            trial = (again(task, outcome.fit.noise) if outcome.fit is not None
-                     else by_simulation(task, _segment(options), [{}], near=True))
-            if _better(trial, outcome):
-                outcome = trial
+        for task, parts in parted(replace(outcome.task, drive=outcome.drive), total):
+            if _told_apart(task, outcome, parts, whole):
+                trial = (again(task, outcome.fit.noise) if outcome.fit is not None
+                         else by_simulation(task, _segment(options), [{}], near=True))
+                if _better(trial, outcome):
+                    outcome = trial
+                break
     return outcome
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS
+from drivetool.drive.chain import GEARED, TOTALS
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.results import covariance_of
@@ -16,12 +16,24 @@ from drivetool.identify.task import Task
 SHARE = 1.0 / 3.0  # of the sum, that the standard deviation of each part must be below
 
 
-def parted(task: Task, total: str) -> tuple[Task, tuple[str, ...]]:
-    """(the task with the parts of a sum free, as its rule shares it out; their names)."""
-    drive, parts = task.drive, tuple(f"{b}.{TOTALS[total]}" for b in task.drive.bodies)
-    values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in drive.parts(total, drive.values[total]).items()}
-    free = tuple(n for n in drive.quantities if n in {*task.free, *parts} - {total})
-    return replace(task, drive=drive.with_values(values), free=free), parts
+def parted(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]]]:
+    """(the task with the parts of a sum free; their names), the finest first.
+
+    As the rule of the sum shares it out among all bodies; of a longer chain also what the motor has and what is
+    behind its shaft, that on the last body: a shaft torque sensor tells these two, and none the others.
+    """
+    drive, suffix = task.drive, TOTALS[total]
+    whole, bodies = drive.values[total], drive.bodies
+    shared = drive.parts(total, whole)
+    first, last = f"{bodies[0]}.{suffix}", f"{bodies[-1]}.{suffix}"
+    ends = dict.fromkeys(shared, 0.0) | {
+        first: shared[first], last: (whole - shared[first]) * drive.turns()[-1] ** GEARED[suffix]}
+    found = []
+    for values, parts in [(shared, tuple(shared)), *([(ends, (first, last))] if len(bodies) > 2 else [])]:
+        values = {p: max(v, drive.quantity(p).bounds[0]) for p, v in values.items()}
+        free = tuple(n for n in drive.quantities if n in {*task.free, *parts} - {total})
+        found.append((replace(task, drive=drive.with_values(values), free=free), parts))
+    return found
 
 
 def told_apart(problem: Problem, point: Point, normal: Normal, parts: Sequence[str], whole: float) -> bool:

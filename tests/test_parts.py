@@ -1,0 +1,61 @@
+"""Friction of the bodies of a chain by itself, where a sensor tells it."""
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import three_mass
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.identify.parts import parted
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import STEP, experiment
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import Machine
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
+
+# A motor with as much friction and idle torque as all that it drives.
+MACHINE = Machine(inertia=(1.3, 0.5, 0.45), viscous=(1.2, 0.5, 0.7), idle_torque=(2.0, 0.0, 1.5),
+                  stiffness=(6500.0, 19000.0), damping=(2.6, 7.4), rated_torque=60.0)
+TRUE = {"motor.inertia": 1.3, "gear.inertia": 0.5, "arm.inertia": 0.45, "shaft.stiffness": 6500.0,
+        "shaft.damping": 2.6, "shaft2.stiffness": 19000.0, "shaft2.damping": 7.4, "total.viscous": 2.4,
+        "total.idle_torque": 3.5}
+
+
+def recorded(size=4000):
+    lines = np.concatenate([[0.5, 1.25, 2.5], np.linspace(6.0, 55.0, 25)])
+    torque = 3.5 + 4.0 * multisine(lines, 3.0, size * STEP, STEP, 1)[:size]
+    run = simulate_linear(MACHINE, torque, STEP, None, white_noise(size, 0.05, 2))
+    return experiment(torque, run.speeds[:, 0] + white_noise(size, 5e-3, 3),
+                      shaft_torque=run.shaft_torques[:, 0] + white_noise(size, 0.05, 4))
+
+
+def test_a_shaft_torque_tells_the_motor_from_what_it_drives_and_no_more():
+    record, start = recorded(), three_mass().with_values({n: 1.02 * v for n, v in TRUE.items()})
+    found = {p.name: p for p in greybox([record], start, Options()).parameters}
+    motor, behind = found["motor.idle_torque"], found["arm.idle_torque"]
+    assert motor.ci95[0] <= 2.0 <= motor.ci95[1] and behind.ci95[0] <= 1.5 <= behind.ci95[1]
+    assert motor.std < 0.1
+    # Where behind the shaft a constant torque acts the record does not say: it is on the last body.
+    assert found["gear.idle_torque"].value == 0.0 and found["gear.idle_torque"].std is None
+    # So much viscous friction damps the inner mode: each is told.
+    for body, viscous in zip(("motor", "gear", "arm"), MACHINE.viscous, strict=True):
+        assert found[f"{body}.viscous"].value == pytest.approx(viscous, abs=3.0 * found[f"{body}.viscous"].std)
+
+
+def test_the_sum_stays_one_where_only_the_motor_is_measured():
+    record, start = recorded(), three_mass().with_values({n: 1.02 * v for n, v in TRUE.items()})
+    alone = experiment(record.signals["motor_torque"], record.signals["motor_speed"])
+    found = {p.name: p for p in greybox([alone], start, Options()).parameters}
+    total = found["total.idle_torque"]
+    assert total.ci95[0] <= 3.5 <= total.ci95[1] and "motor.idle_torque" not in found
+
+
+@pytest.mark.parametrize("ratio", [1.0, 4.0])
+def test_however_a_sum_is_parted_the_motor_feels_as_much(ratio):
+    drive = three_mass().with_values({**TRUE, "shaft2.ratio": ratio})
+    record = recorded(100)
+    for total, whole in (("total.viscous", 2.4), ("total.idle_torque", 3.5)):
+        for task, _ in parted(Task(drive, (total,), roles_of([record], drive), (record,)), total):
+            assert task.drive.felt(total.partition(".")[2]) == pytest.approx(whole, rel=1e-12)
