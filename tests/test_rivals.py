@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.candidates import CANDIDATES
-from drivetool.check.decide import rivals_with
+from drivetool.check.decide import rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
 from drivetool.check.model import everything, fit, from_start
 from drivetool.check.structure import carried, with_tip, without_tip
@@ -39,6 +39,16 @@ def test_what_stays_open_from_round_to_round(rounds, expected):
     for code, between in rounds:
         rivals = rivals_with(rivals, code, between)
     assert rivals == expected
+
+
+@pytest.mark.parametrize(("first", "expected"), [
+    (("torque-ripple", "imbalance"), ()),  # a load step was as good beside the ripple; alone it is not
+    (("torque-ripple", "imbalance", "load-step"), ("load-step",)),
+    (("torque-ripple",), ("load-step", "quadratic-drag"))])  # what these would do without it is not known
+def test_what_stays_open_when_a_cause_turns_out_needless(first, expected):
+    rivals = rivals_with({}, "torque-ripple", first)
+    rivals = rivals_with(rivals, "imbalance", ("imbalance", "load-step", "quadratic-drag"))
+    assert rivals_without(rivals, "torque-ripple", first) == {"imbalance": expected}
 
 
 def model_of(record, machine):

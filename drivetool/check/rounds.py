@@ -11,7 +11,7 @@ import numpy as np
 from drivetool.check.afresh import at_start, likelier, returned, strayed
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide, mistaken_for, rivals_with
+from drivetool.check.decide import LEFT, Decision, decide, mistaken_for, rivals_with, rivals_without
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
@@ -60,6 +60,7 @@ class Search:
         self.begun: Mapping[str, float] = {}
         self.causes: list[str] = []
         self.rivals: dict[str, tuple[str, ...]] = {}  # cause -> what explains the record as well
+        self.tied: dict[str, tuple[str, ...]] = {}  # cause -> all that did in its round
         self.evidence: dict[str, float] = {}
         self.added: dict[str, tuple[str, ...]] = {}
         self.rounds: list[Round] = []
@@ -277,6 +278,7 @@ class Search:
         """Make the winner the base of the next round."""
         best, code = decision.best, decision.best.model.code
         self.rivals = rivals_with(self.rivals, code, decision.between)
+        self.tied[code] = decision.between
         self.causes.append(code)
         self.ends = {}  # they lack what is adopted now
         self.evidence[code] = decision.evidence
@@ -305,7 +307,7 @@ class Search:
                 continue
             if self._needless(names, beside=True):
                 self.causes.remove(code)
-                self.rivals.pop(code, None)
+                self.rivals = rivals_without(self.rivals, code, self.tied.get(code, ()))
                 continue
             surplus = tuple(n for n in names if not n.endswith(".coulomb"))
             for simple in self.asked & {*NESTED.get(code, ())}:

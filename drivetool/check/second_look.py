@@ -108,7 +108,8 @@ def _from_the_start(search: Search) -> Search:
     other = copy(search)
     left = search.options.error_budget * 0.5 ** len(search.rounds)
     other.options = replace(search.options, error_budget=left)
-    other.causes, other.rounds, other.evidence, other.added, other.rivals = [], [], {}, {}, {}
+    other.causes, other.rounds, other.evidence, other.added = [], [], {}, {}
+    other.rivals, other.tied = {}, {}
     other.faults, other.unasked, other.gained = list(search.faults), "", 0.0
     other.stand_on(search.origin)
     other.trained = tuple(f.trained for f in other.folds)
