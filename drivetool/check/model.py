@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, by_parabolas, filtered, fit_ratio, with_state
+from drivetool.identify.noise import Noise, by_parabolas, filtered, fit_ratio, nearby, with_state
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import first_point
 
@@ -155,8 +155,8 @@ def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple
     """The noise estimated anew at a point, and its value; ratio and sensors in turn until they agree."""
     noise = fit_ratio(problem, point, noise, noise.ratio, quick=True)
     value = judge(problem, point, noise, masks)
-    for _ in range(TURNS if len(noise.scale) > 1 else 0):
-        trial = listened(problem, point, noise, masks)
+    for turn in range(TURNS if len(noise.scale) > 1 else 0):
+        trial = listened(problem, point, noise, masks, near=turn > 0)
         trial = fit_ratio(problem, point, trial, trial.ratio, quick=True)
         before, value = value, judge(problem, point, trial, masks)
         if value > before - SETTLED:
@@ -165,10 +165,12 @@ def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple
     return noise, value
 
 
-def listened(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Noise:
+def listened(problem: Problem, point: Point, noise: Noise, masks: Masks, near: bool = False) -> Noise:
     """The noise with each further sensor as loud as makes the samples of a mask most likely.
 
     Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
+
+    near  whether the guess is near already
     """
     for m in range(1, len(noise.scale)):
         def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
@@ -176,8 +178,10 @@ def listened(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Nois
             scale[m] *= np.exp(log)
             return replace(noise, scale=scale)
 
-        log = by_parabolas(lambda log, of=louder: judge(problem, point, of(log), masks), WIDE, close=0.02)
-        noise = louder(log)
+        def value(log: float, of=louder) -> float:
+            return judge(problem, point, of(log), masks)
+
+        noise = louder(nearby(value, 0.2, WIDE[-1], 0.02) if near else by_parabolas(value, WIDE, close=0.02))
     return noise
 
 

@@ -197,10 +197,11 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         return at(found.x)
     if around is None:
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
+        best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick else 4)
+    elif quick:
+        best = np.log(around) + nearby(lambda g: value(np.array([np.log(around) + g])), 0.5, 1.5, 0.05)
     else:
-        grid = np.log(around) + np.linspace(-1.5, 1.5, 5)
-    best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick and around is None else 4,
-                        0.05 if quick else 2e-3)
+        best = by_parabolas(lambda g: value(np.array([g])), np.log(around) + np.linspace(-1.5, 1.5, 5))
     return replace(noise, ratio=float(np.exp(best)))
 
 
@@ -216,7 +217,25 @@ def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[N
 
 def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
     """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
-    x, y = list(grid), [value(g) for g in grid]
+    return _refined(value, list(grid), [value(g) for g in grid], rounds, close)
+
+
+def nearby(value: Callable[[float], float], reach: float, limit: float, close: float) -> float:
+    """Minimum of a function of one variable near zero: downhill in growing steps, then parabolas."""
+    x, y = [0.0, reach], [value(0.0), value(reach)]
+    way, at, step = (1.0, reach, reach) if y[1] < y[0] else (-1.0, 0.0, reach)
+    while abs(at + way * step) <= limit:
+        at += way * step
+        x.append(at)
+        y.append(value(at))
+        if y[-1] >= min(y[:-1]):
+            break
+        step *= 2.0
+    return _refined(value, x, y, 4, close)
+
+
+def _refined(value: Callable[[float], float], x: list[float], y: list[float], rounds: int, close: float) -> float:
+    """Parabolas through the best three of some points, until they are close."""
     for _ in range(rounds):
         order = np.argsort(x)
         x, y = [x[i] for i in order], [y[i] for i in order]
