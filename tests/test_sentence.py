@@ -44,6 +44,12 @@ def test_what_was_not_asked_for_is_said():
     assert "lacks backlash" in named and "still 7 times the sensor's own noise" in named
 
 
+@pytest.mark.parametrize(("met", "said"), [(0.7, "half of it tells too little"), (7.0, "for noise of the torque")])
+def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, said):
+    codes = (("imbalance",), (), ("imbalance",))
+    assert said in sentence_of("named", codes, "", gain(27.0, 7.0), 0.01, met * NOISE)
+
+
 @pytest.mark.parametrize(("causes", "found", "begins"), [
     (("outliers",), (), "The record is at fault, not the simulation: outliers."),
     (("wrong-sign", "load-step"), ("load-step",), "The record is at fault (wrong sign), and the simulation lacks"),

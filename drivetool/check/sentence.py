@@ -42,12 +42,13 @@ def experiment_of(between: Sequence[str], verdict: str) -> str:
 
 
 def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
-                share: float) -> str:
+                share: float, met: float = np.inf) -> str:
     """The verdict for a plant engineer.
 
     codes    what is certain, what it is between, and all that was found, in the order found
     unasked  what explains the record but was not to be looked for
     share    std of the torque's noise over the spread of the torque
+    met      rms error of free runs of what was fitted to the whole record
     """
     causes, between, found = codes
     words = " and ".join(c.replace("-", " ") for c in causes)
@@ -63,7 +64,7 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
                     "beyond noise that a cause in the catalogue would explain.")
         laws = " and ".join(c.replace("-", " ") for c in causes if c in found)
         first = f"The record is at fault ({faults}), and the" if faults else "The"
-        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain)}."
+        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met)}."
     if verdict == "undetermined":
         either = " or ".join(c.replace("-", " ") for c in between if c != UNLISTED)
         first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
@@ -88,9 +89,12 @@ def _times(gain: Gain) -> float:
     return gain.held_out_rmse_after / gain.noise_floor if gain.noise_floor > 0.0 else 0.0
 
 
-def _loud(gain: Gain) -> str:
-    """What a cause that is in no catalogue may hide behind."""
+def _loud(gain: Gain, met: float) -> str:
+    """What a cause that is in no catalogue may hide behind, or that half a record is too little."""
     if not np.isfinite(_times(gain)) or _times(gain) < LOUD:
         return ""
+    if met < LOUD * gain.noise_floor:
+        return (f"; that is still {_times(gain):.0f} times the sensor's own noise, though the drive that is fitted "
+                "to all of the record meets it: half of it tells too little of the other half")
     return (f"; that is still {_times(gain):.0f} times the sensor's own noise, which the model takes for noise of "
             "the torque")

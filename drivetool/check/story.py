@@ -108,7 +108,8 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
         search.rounds = [_doubting(one, doubted) for one in search.rounds]
     experiment = experiment_of(between, verdict)
-    sentence = sentence_of(verdict, (causes, between, tuple(search.causes)), search.unasked, gain, share)
+    sentence = sentence_of(verdict, (causes, between, tuple(search.causes)), search.unasked, gain, share,
+                           estimate.fit.get("rmse", np.inf))
     found = (*(f.finding for f in search.faults), *search.notes)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
