@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, by_parabolas, filtered, fit_ratio, nearby, with_state
+from drivetool.identify.noise import Noise, by_parabolas, excerpt, filtered, fit_ratio, nearby, with_state
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import first_point
 
@@ -172,6 +172,8 @@ def listened(problem: Problem, point: Point, noise: Noise, masks: Masks, near: b
 
     near  whether the guess is near already
     """
+    part = excerpt(problem)
+    heard = [mask[:t.size] for mask, t in zip(masks, part.traces, strict=True)]
     for m in range(1, len(noise.scale)):
         def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
             scale = noise.scale.copy()
@@ -179,7 +181,7 @@ def listened(problem: Problem, point: Point, noise: Noise, masks: Masks, near: b
             return replace(noise, scale=scale)
 
         def value(log: float, of=louder) -> float:
-            return judge(problem, point, of(log), masks)
+            return judge(part, point, of(log), heard)
 
         noise = louder(nearby(value, 0.2, WIDE[-1], 0.02) if near else by_parabolas(value, WIDE, close=0.02))
     return noise
