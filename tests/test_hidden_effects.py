@@ -42,6 +42,9 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
         (("wrong-sign-shaft", "converter-lag"), 500000, {
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
             "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}),
+        # Most of what a loud motor speed does not show is in the shaft torque.
+        ("torque-ripple", 52001, {"seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud",
+                                  "linear": False}),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.

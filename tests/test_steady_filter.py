@@ -7,25 +7,59 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.scan import _step_shape, load_steps, steady_filter
+from drivetool.check.scan import _step_shape, disturbance_response, load_steps, steady_filter
 from drivetool.identify.noise import filtered
+from drivetool.identify.setup import roles_of
 from tests.recover import one_sensor
 
 AT = 2500
 
 
-@pytest.mark.parametrize("memory, slow", [(None, None), (0.98, None), (0.999, None), (0.95, 0.2)])
-def test_a_step_leaves_in_the_innovations_what_the_scan_looks_for(memory, slow):
+def base_with(second):
+    """A base with a second sensor, or None, and the torque on its load as an input.
+
+    What the sensor reads does not matter for what a torque leaves.
+    """
     base, _ = one_sensor(4)
-    base = replace(base, noise=replace(base.noise, memory=memory, slow=slow))
+    record = base.task.experiments[0]
+    nothing = np.zeros(len(record.signals["motor_speed"]))
+    size = record.signals["motor_torque" if second == "shaft_torque" else "motor_speed"].std()
+    record = replace(record, signals={
+        **record.signals, "load_torque": nothing} | ({} if second is None else {second: nothing}))
+    task = replace(base.task, experiments=(record,), roles=roles_of([record], base.task.drive))
+    scale = base.noise.scale if second is None else np.array([1.0, size])
+    return replace(base, task=task, problem=task.problem(), noise=replace(base.noise, scale=scale))
+
+
+def left_by(base, torque):
+    """(n, outputs) what torques (n, 2) on motor and load leave in the whitened innovations."""
     trace = base.problem.traces[0]
-    inputs = trace.inputs.copy()
-    inputs[AT:, 0] += 1.0
-    with_step = replace(base.problem, traces=(replace(trace, inputs=inputs),))
-    without, other = (filtered(p, base.point, base.noise)[0] for p in (base.problem, with_step))
-    left = ((without.innovations - other.innovations) / np.sqrt(without.variance))[AT:, 0]
+    acting = replace(base.problem, traces=(replace(trace, inputs=trace.inputs + torque),))
+    without, other = (filtered(p, base.point, base.noise)[0] for p in (base.problem, acting))
+    return (without.innovations - other.innovations) / np.sqrt(without.variance)
+
+
+@pytest.mark.parametrize("second", [None, "shaft_torque", "load_speed"])
+@pytest.mark.parametrize("memory, slow", [(None, None), (0.98, None), (0.999, None), (0.95, 0.2)])
+def test_a_step_leaves_in_the_innovations_what_the_scan_looks_for(memory, slow, second):
+    base = base_with(second)
+    base = replace(base, noise=replace(base.noise, memory=memory, slow=slow))
+    torque = np.zeros((base.problem.traces[0].size, 2))
+    torque[AT:, 1] = 1.0
+    left = left_by(base, torque)[AT:]
     shape = _step_shape(base, len(left))
     np.testing.assert_allclose(shape, left, rtol=0.0, atol=2e-3 * np.abs(left).max())
+
+
+@pytest.mark.parametrize("second", [None, "shaft_torque", "load_speed"])
+def test_a_torque_of_the_motor_leaves_what_the_scan_for_ripples_looks_for(second):
+    base, hertz = base_with(second), 20.0
+    t = base.problem.traces[0].step * np.arange(base.problem.traces[0].size)
+    wave = 2.0 * np.pi * hertz * t
+    left = left_by(base, np.column_stack([np.cos(wave), 0.0 * t]))[AT:]
+    response = disturbance_response(base, np.array([hertz]))[0]
+    expected = np.real(response * np.exp(1j * wave[AT:])[:, None])
+    np.testing.assert_allclose(left, expected, rtol=0.0, atol=5e-3 * np.abs(expected).max())
 
 
 def test_an_angle_that_is_not_measured_is_left_out():

@@ -99,7 +99,8 @@ def likely_orders(base: Model) -> list[float]:
     grid = max(spacing, 2.0 * np.pi / reach) + spacing * np.arange(ORDERS)
     grid = grid[grid < high]
     frequencies = np.concatenate(([0.0], np.geomspace(0.05, 0.5 / step, 300)))
-    response = np.concatenate(([0.0], disturbance_response(base, frequencies[1:])))
+    response = disturbance_response(base, frequencies[1:])
+    response = np.vstack([np.zeros((1, response.shape[1])), response])
     scores = np.zeros(len(grid))
     shape = [np.exp(1j * grid[0] * a) for a in angles]
     turn = [np.exp(1j * spacing * a) for a in angles]
@@ -107,10 +108,11 @@ def likely_orders(base: Model) -> list[float]:
         upper, lower = 0.0 + 0.0j, 0.0
         for e, v, s in zip(z, speeds, shape, strict=True):
             f = order * v / (2.0 * np.pi)
-            h = np.interp(np.abs(f), frequencies, response)
-            h = np.where(f < 0.0, np.conj(h), h)
-            upper += e @ (s * h)
-            lower += float(np.sum(np.abs(h) ** 2))
+            for m, own in enumerate(response.T):
+                h = np.interp(np.abs(f), frequencies, own)
+                h = np.where(f < 0.0, np.conj(h), h)
+                upper += e[:, m] @ (s * h)
+                lower += float(np.sum(np.abs(h) ** 2))
         scores[k] = np.abs(upper) ** 2 / max(lower, 1e-300)
         for j in range(len(shape)):
             shape[j] *= turn[j]
@@ -120,11 +122,11 @@ def likely_orders(base: Model) -> list[float]:
 
 
 def _innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """Per trace: whitened innovations of the first output, motor angle and motor speed (n,)."""
+    """Per trace: whitened innovations (n, outputs), motor angle and motor speed (n,)."""
     passes = filtered(base.problem, base.point, base.noise)
     z, angles, speeds = [], [], []
     for f, t in zip(passes, base.problem.traces, strict=True):
-        e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
+        e = f.innovations / np.sqrt(f.variance)
         z.append(np.where(np.isfinite(e), e, 0.0))
         speed = f.states[:, 0]
         speeds.append(speed)
@@ -133,41 +135,48 @@ def _innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[
 
 
 def disturbance_response(base: Model, frequencies: np.ndarray) -> np.ndarray:
-    """(n,) complex response of the whitened innovations to a torque on the motor, drive closed and linear."""
-    phi, gamma, c, gain, size = steady_filter(base)
-    step, n = base.problem.traces[0].step, len(phi)
-    z = np.exp(2j * np.pi * frequencies * step)
-    a = phi @ (np.eye(n) - np.outer(gain, c))
-    x = np.linalg.solve(z[:, None, None] * np.eye(n) - a, np.broadcast_to(gamma[:, None], (len(z), n, 1)))
-    return (x[:, :, 0] @ c) / size
+    """(n, outputs) complex response of whitened innovations to a torque on the motor, drive closed and linear."""
+    a, gamma, c = steady_filter(base)
+    z = np.exp(2j * np.pi * frequencies * base.problem.traces[0].step)
+    x = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a,
+                        np.broadcast_to(gamma[:, None], (len(z), len(a), 1)))
+    return x[:, :, 0] @ c.T
 
 
-def steady_filter(base: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """(Phi, Gamma, C, gain, std of the innovations over the sensor's) of the closed linear drive and its noise."""
+def steady_filter(base: Model, at_load: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What a torque leaves in the whitened innovations (outputs,) of the closed linear drive and its noise.
+
+    at_load  whether it acts on the last body; else on the motor
+    returns  (A (n, n), Gamma (n,), C (outputs, n)) of the errors x[k+1] = A x[k] + Gamma T[k], z[k] = C x[k], by
+             the steady Kalman filter; sensors are whitened one after the other, as the passes of the fit do
+    """
     from scipy.linalg import expm, solve_discrete_are
 
     task: Task = base.fitted
-    a, b, c, _ = state_space(task.drive, ("motor_torque",), task.roles.outputs[:1])
+    roles = ("motor_torque", "load_torque") if at_load and len(task.drive.bodies) > 1 else ("motor_torque",)
+    a, b, c, _ = state_space(task.drive, roles, task.roles.outputs)
     seen = _seen(a, c)
     a, b, c = a[np.ix_(seen, seen)], b[seen], c[:, seen]
     n, step = len(a), base.problem.traces[0].step
-    whole = np.zeros((n + 1, n + 1))
+    whole = np.zeros((n + b.shape[1], n + b.shape[1]))
     whole[:n, :n], whole[:n, n:] = a * step, b * step
     whole = expm(whole)
-    phi, gamma, c = whole[:n, :n], whole[:n, n], c[0]
-    ratio = max(base.noise.ratio, 1e-6)
-    phi, gamma, c, q = _with_noise(phi, gamma, c, base.noise)
-    q = ratio**2 * (q + 1e-14 * q.trace() * np.eye(len(q)))
-    p = solve_discrete_are(phi.T, c[:, None], q, np.eye(1))
-    variance = float(c @ p @ c) + 1.0
-    return phi, gamma, c, p @ c / variance, float(np.sqrt(variance))
+    phi, motor, acts = whole[:n, :n], whole[:n, n], whole[:n, -1]
+    phi, q = _with_noise(phi, motor, base.noise)
+    more = len(phi) - n
+    c, acts = np.pad(c, ((0, 0), (0, more))), np.pad(acts, (0, more))
+    q = max(base.noise.ratio, 1e-6) ** 2 * (q + 1e-14 * q.trace() * np.eye(len(q)))
+    r = np.diag((base.noise.scale / base.noise.scale[0]) ** 2)
+    p = solve_discrete_are(phi.T, c.T, q, r)
+    variance = c @ p @ c.T + r
+    gain = np.linalg.solve(variance, c @ p).T
+    return phi @ (np.eye(len(phi)) - gain @ c), acts, np.linalg.solve(np.linalg.cholesky(variance), c)
 
 
-def _with_noise(phi: np.ndarray, gamma: np.ndarray, c: np.ndarray, noise: Noise,
-                ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(Phi, Gamma, C, covariance of what a sample brings for a ratio of one), a memory of the noise as a state."""
+def _with_noise(phi: np.ndarray, gamma: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
+    """(Phi, covariance of what a sample brings for a ratio of one), a memory of the noise as a state."""
     if noise.memory is None:
-        return phi, gamma, c, np.outer(gamma, gamma)
+        return phi, np.outer(gamma, gamma)
     n = len(phi)
     whole = np.zeros((n + 1, n + 1))
     whole[:n, :n], whole[:n, n], whole[n, n] = phi, gamma, noise.memory
@@ -176,11 +185,11 @@ def _with_noise(phi: np.ndarray, gamma: np.ndarray, c: np.ndarray, noise: Noise,
         brings[n] = np.sqrt(1.0 - noise.memory**2)
     else:
         brings[:n], brings[n] = gamma, (noise.slow - 1.0) * (1.0 - noise.memory)
-    return whole, np.append(gamma, 0.0), np.append(c, 0.0), np.outer(brings, brings)
+    return whole, np.outer(brings, brings)
 
 
 def _seen(a: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Indices of the states that reach the output: an angle that is not measured has no steady filter."""
+    """Indices of the states that reach an output: an angle that is not measured has no steady filter."""
     seen = np.any(c != 0.0, axis=0)
     for _ in range(len(a)):
         seen = seen | np.any(a[seen] != 0.0, axis=0)
@@ -204,7 +213,7 @@ def load_steps(base: Model) -> list[tuple[float, int]]:
 def _step_times(base: Model, pairs: Sequence[tuple[Trace, np.ndarray]]) -> list[tuple[float, float]]:
     """(what it explains, instant [s]) of the best instants, the same in all these stretches.
 
-    pairs  stretch, (n,) whitened innovations
+    pairs  stretch, (n, outputs) whitened innovations
     """
     step = pairs[0][0].step
     begin = min(t.origin for t, _ in pairs)
@@ -214,9 +223,10 @@ def _step_times(base: Model, pairs: Sequence[tuple[Trace, np.ndarray]]) -> list[
     cross, energy, overlap = np.zeros(n), np.zeros(n), np.zeros(n)
     for first, (t, e) in zip(starts, pairs, strict=True):
         # Before this stretch begins the torque acts in all of it, after its end in none.
-        for total, own in zip((cross, energy, overlap), _matches(e, whole[:t.size]), strict=True):
-            total[:first] += own[0]
-            total[first:first + t.size] += own
+        for z, shape in zip(e.T, whole[:t.size].T, strict=True):
+            for total, own in zip((cross, energy, overlap), _matches(z, shape), strict=True):
+                total[:first] += own[0]
+                total[first:first + t.size] += own
     # A torque from the start on is an idle torque, which the base has: take its share off.
     rest = np.maximum(energy - overlap**2 / energy[0], 1e-3 * energy[0])
     scores = (cross - cross[0] * overlap / energy[0]) ** 2 / rest
@@ -227,12 +237,11 @@ def _step_times(base: Model, pairs: Sequence[tuple[Trace, np.ndarray]]) -> list[
 
 
 def _step_shape(base: Model, size: int) -> np.ndarray:
-    """(size,) whitened innovations that a constant torque leaves from its first sample on."""
-    phi, gamma, c, gain, spread = steady_filter(base)
-    a = phi @ (np.eye(len(phi)) - np.outer(gain, c))
-    x, shape = np.zeros(len(phi)), np.empty(size)
+    """(size, outputs) whitened innovations that a constant torque on the load leaves from its first sample on."""
+    a, gamma, c = steady_filter(base, at_load=True)
+    x, shape = np.zeros(len(a)), np.empty((size, len(c)))
     for k in range(size):
-        shape[k] = c @ x / spread
+        shape[k] = c @ x
         x = a @ x + gamma
     return shape
 
