@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,17 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence, unlikely
-from drivetool.check.hypothesis import TRIFLE, Tried, also, as_special_case, attempt, polished, sizeable, without
+from drivetool.check.hypothesis import (
+    BROKEN,
+    TRIFLE,
+    Tried,
+    also,
+    as_special_case,
+    attempt,
+    polished,
+    sizeable,
+    without,
+)
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
@@ -314,7 +325,8 @@ class Search:
                 if len(surplus) < len(names) and self._needless(surplus):
                     self._rename(code, simple)
         if self.model is not before:
-            self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
+            with suppress(*BROKEN):  # then the gain of what was found first stands
+                self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
 
     def _needless(self, names: Sequence[str], beside: bool = False) -> bool:
         """Take parameters out of the model if it is as good without them; whether that was done.
@@ -332,7 +344,10 @@ class Search:
         less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
         problem = less.problem()
         point = carried(self.model, less, problem)
-        trial = fit(self.model.code, less, problem, point, self.model.noise, self.masks)
+        try:
+            trial = fit(self.model.code, less, problem, point, self.model.noise, self.masks)
+        except BROKEN:  # what cannot be fitted without it needs it
+            return False
         lead = trial.value - self.model.value
         chance = beside and unlikely(lead, len(names)) < np.log(1.0 / self.options.error_budget)
         if lead > TRIFLE * len(names) and not chance:
@@ -351,6 +366,7 @@ class Search:
         self.causes[self.causes.index(code)] = simple
         self.evidence[simple], self.added[simple] = self.evidence.pop(code), self.added.pop(code)
         self.rivals[simple] = self.rivals.pop(code, ())
+        self.rivals = {c: tuple(simple if r == code else r for r in others) for c, others in self.rivals.items()}
         self.rounds = [one if one.cause != code else replace(one, cause=simple, candidates=tuple(
             replace(c, state={code: "worse", simple: "named"}.get(c.code, c.state)) for c in one.candidates))
             for one in self.rounds]
