@@ -9,6 +9,7 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.decide import Decision, decide, ties
+from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.check.rounds import Search
 from drivetool.identify.noise import minus_log_likelihood
@@ -96,7 +97,7 @@ def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gain
     """first has the larger gain per step; gains are stood in for."""
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second", ratio=30.0)]
     gains = {"first": first, "second": second}
-    search = SimpleNamespace(trained=(), gained=gained, asked={"first", "second"}, model=BASE,
+    search = SimpleNamespace(trained=(), found=Found(gained=gained), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda _: False,
                              gain_between=lambda _, after: gains[after[0].code])
     decision = Decision(scores[0], ("first", "second"), 100.0)
@@ -106,7 +107,7 @@ def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gain
 
 
 def test_what_ties_with_a_cause_that_is_dropped_must_be_found_by_itself():
-    search = SimpleNamespace(trained=(), gained=1e4, asked={"first", "second"}, model=BASE,
+    search = SimpleNamespace(trained=(), found=Found(gained=1e4), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda _: False,
                              gain_between=lambda _, after: told(1.3 if after[0].code == "first" else 0.9))
     for ratio, best in ((30.0, "second"), (-5.0, None)):
@@ -125,7 +126,7 @@ def test_what_ties_with_a_cause_that_is_dropped_must_be_found_by_itself():
     ([0, 0, 0, 0, 0, 0, 0, 401], 2000.0, "shaft.half_gap", True)])  # much by itself
 def test_a_small_cause_that_gains_in_one_place_only_is_not_named(blocks, gained, frees, named):
     only = score(300.0, np.array(blocks, float), code="first", frees=frees)
-    search = SimpleNamespace(trained=(), gained=gained, asked={"first"}, model=BASE,
+    search = SimpleNamespace(trained=(), found=Found(gained=gained), asked={"first"}, model=BASE,
                              made_of_steps=lambda _: False,
                              gain_between=lambda _, after: told(0.5))
     found, _, objected = Search._foretelling(search, Decision(only, ("first",), 100.0), [only], 0.01)
@@ -134,7 +135,7 @@ def test_a_small_cause_that_gains_in_one_place_only_is_not_named(blocks, gained,
 
 def test_what_the_steps_of_a_logger_would_show_as_well_is_not_named():
     scores = [score(300.0, code="first"), score(290.0, code="second", ratio=30.0)]
-    search = SimpleNamespace(trained=(), gained=0.0, asked={"first", "second"}, model=BASE,
+    search = SimpleNamespace(trained=(), found=Found(gained=0.0), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda s: s.model.code == "first",
                              gain_between=lambda _, after: told(0.5))
     found, _, objected = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores, 0.01)
@@ -154,7 +155,7 @@ def test_a_filter_that_ran_away_has_no_likelihood_and_raises_no_warning():
 
 def test_of_two_as_good_the_one_that_was_asked_for_is_taken():
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
-    search = SimpleNamespace(trained=(), gained=0.0, asked={"second"}, model=BASE,
+    search = SimpleNamespace(trained=(), found=Found(gained=0.0), asked={"second"}, model=BASE,
                              made_of_steps=lambda _: False,
                              gain_between=lambda _, after: told(0.5))
     found, _, _ = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores, 0.01)

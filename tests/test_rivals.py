@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.candidates import CANDIDATES
-from drivetool.check.decide import rivals_with, rivals_without
+from drivetool.check.found import rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
 from drivetool.check.model import everything, fit, from_start
 from drivetool.check.structure import carried, with_tip, without_tip

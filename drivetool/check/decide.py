@@ -109,30 +109,6 @@ def ties(one: Score, best: Score) -> bool:
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
 
-def rivals_with(rivals: Mapping[str, Sequence[str]], code: str, between: Sequence[str],
-                ) -> dict[str, tuple[str, ...]]:
-    """Cause -> what explains the record as well, once a further cause is found.
-
-    A rival of an earlier cause that is found, too, is there beside it: not one or the other, but both. So is what
-    the record does not tell from that rival.
-
-    between  the causes that explained the record equally well in this round, the one that is taken among them
-    """
-    left = {c: tuple(r for r in others if code not in others or r not in between) for c, others in rivals.items()}
-    return left | {code: tuple(c for c in between if c != code)}
-
-
-def rivals_without(rivals: Mapping[str, Sequence[str]], code: str, tied: Sequence[str],
-                   ) -> dict[str, tuple[str, ...]]:
-    """Cause -> what explains the record as well, once a cause is taken out that a later one has made needless.
-
-    Rivals of the later one were as good beside what it has replaced; alone only those are that tied there, too.
-
-    tied  the causes that explained the record equally well when the one that goes was found
-    """
-    return {c: tuple(r for r in others if c not in tied or r in tied) for c, others in rivals.items() if c != code}
-
-
 def mistaken_for(codes: Sequence[str]) -> set[str]:
     """Causes that are known to look like one of these."""
     return {other for pair in DECIDES for other in pair if pair & set(codes)}

@@ -105,7 +105,7 @@ def shaft_again(search: Search, mended: Sequence[Experiment], blamed: Sequence[F
     blamed  what the shaft torque was blamed for, undone in the records
     """
     told = [f.finding.evidence for f in blamed if "std" in f.finding.evidence]
-    if not told or not search.causes:
+    if not told or not search.found.causes:
         return None
     factor, std = told[0]["factor"], told[0]["std"]
     task = search.model.fitted

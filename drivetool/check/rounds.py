@@ -12,11 +12,12 @@ import numpy as np
 from drivetool.check.afresh import at_start, likelier, returned, strayed
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide, mistaken_for, rivals_with, rivals_without
+from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence, unlikely
+from drivetool.check.found import Found
+from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
     BROKEN,
     TRIFLE,
@@ -29,18 +30,17 @@ from drivetool.check.hypothesis import (
     without,
 )
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
+from drivetool.check.needless import NESTED, renamed, spared
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
 from drivetool.check.samples import fitted_samples
 from drivetool.check.story import results_of
-from drivetool.check.structure import carried, tip_names, without_tip
 from drivetool.errors import Finding
 from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
 
 WORKERS = 2
-NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
@@ -69,13 +69,9 @@ class Search:
         self.first_folds = self.folds
         self.notes: tuple[Finding, ...] = ()
         self.begun: Mapping[str, float] = {}
-        self.causes: list[str] = []
-        self.rivals: dict[str, tuple[str, ...]] = {}  # cause -> what explains the record as well
-        self.tied: dict[str, tuple[str, ...]] = {}  # cause -> all that did in its round
-        self.evidence: dict[str, float] = {}
-        self.added: dict[str, tuple[str, ...]] = {}
+        self.found = Found()
         self.rounds: list[Round] = []
-        self.gained, self.left = 0.0, Remainder(0.0, 0.0, 0.0)
+        self.left = Remainder(0.0, 0.0, 0.0)
         self.trained = tuple(f.trained for f in self.folds)
         self.ends: Mapping[str, Model] = {}  # further ends of fits, from which the next round may start
 
@@ -98,24 +94,24 @@ class Search:
             if self._improve(tried):
                 tried = self._attempt({t.candidate.code: t for t in tried})
             scores = self._judge(tried)
-            decision = decide(scores, budget, self.gained)
+            decision = decide(scores, budget, self.found.gained)
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
-                decision = decide(scores, budget, self.gained)
+                decision = decide(scores, budget, self.found.gained)
                 scores = self._with_doubles(tried, scores, decision)
-                decision = decide(scores, budget, self.gained)
+                decision = decide(scores, budget, self.found.gained)
             decision, stage, against = self._foretelling(decision, scores, budget)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
             results = tuple(replace(r, reason=against.get(r.code, r.reason)) for r in results_of(
-                asked, scores, decision, self.model, self.gained))
+                asked, scores, decision, self.model, self.found.gained))
             if decision.best is not None and decision.best.model.code not in self.asked:
                 self.unasked = decision.best.model.code
             if decision.best is None or last or self.unasked:
                 stage = None
             else:
                 self._adopt(decision)
-            self.rounds.append(Round(self.causes[-1] if stage else None, results, stage))
+            self.rounds.append(Round(self.found.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
             if stage is None:
                 break
@@ -265,14 +261,14 @@ class Search:
         tied = [s for s in scores if s.model.code in decision.between]
         # One that was asked for first, where that is as good as one that was not.
         for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
-            if against and total_evidence([s], self.gained) < np.log(1.0 / budget):
+            if against and total_evidence([s], self.found.gained) < np.log(1.0 / budget):
                 continue
             stage, code = self.gain_between(self.trained, s.trained), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
             ruined = stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
-            why = AGAINST if ruined else why if s.gain < LITTLE * self.gained else ""
+            why = AGAINST if ruined else why if s.gain < LITTLE * self.found.gained else ""
             if self.made_of_steps(s):
                 why = STEPS
             if not why:
@@ -287,14 +283,10 @@ class Search:
 
     def _adopt(self, decision: Decision) -> None:
         """Make the winner the base of the next round."""
-        best, code = decision.best, decision.best.model.code
-        self.rivals = rivals_with(self.rivals, code, decision.between)
-        self.tied[code] = decision.between
-        self.causes.append(code)
+        best = decision.best
+        added = [n for n in best.model.task.free if n not in self.model.task.free]
+        self.found.take(best.model.code, decision, added, best.gain)
         self.ends = {}  # they lack what is adopted now
-        self.evidence[code] = decision.evidence
-        self.gained += best.gain
-        self.added[code] = tuple(n for n in best.model.task.free if n not in self.model.task.free)
         self.model = returned(at_rest(best.model, self.masks), self.begun, self.masks)
         self.trained = best.trained
 
@@ -311,65 +303,12 @@ class Search:
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
         before = self.model
-        for code in self.causes[:-1]:
-            names = self.added[code]
-            longer = self.model.task.drive.bodies != self.first.task.drive.bodies
-            if not names or (longer and tip_names(self.first.task.drive)[0] not in names):
-                continue
-            if self._needless(names, beside=True):
-                self.causes.remove(code)
-                self.rivals = rivals_without(self.rivals, code, self.tied.get(code, ()))
-                continue
-            surplus = tuple(n for n in names if not n.endswith(".coulomb"))
-            for simple in self.asked & {*NESTED.get(code, ())}:
-                if len(surplus) < len(names) and self._needless(surplus):
-                    self._rename(code, simple)
+        self.model, names = spared(self.model, self.found, self.first.task.drive, self.asked, self.masks,
+                                   self.options.error_budget)
+        self.rounds = [renamed(one, names) for one in self.rounds]
         if self.model is not before:
             with suppress(*BROKEN):  # then the gain of what was found first stands
                 self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
-
-    def _needless(self, names: Sequence[str], beside: bool = False) -> bool:
-        """Take parameters out of the model if it is as good without them; whether that was done.
-
-        beside  as good is then what would not be found beside the other causes
-        """
-        task = self.model.fitted
-        if tip_names(self.first.task.drive)[0] in names:
-            task = without_tip(task, self.first.task.drive)
-        values = {n: v for n, v in task.drive.values.items() if n not in names}
-        for n in [n for n in names if n.endswith(".stribeck")]:  # without its surplus friction is what it was
-            dry = n.replace(".stribeck", ".coulomb")
-            values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}
-        drive = replace(task.drive, values=values)
-        less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
-        problem = less.problem()
-        point = carried(self.model, less, problem)
-        try:
-            trial = fit(self.model.code, less, problem, point, self.model.noise, self.masks)
-        except BROKEN:  # what cannot be fitted without it needs it
-            return False
-        lead = trial.value - self.model.value
-        chance = beside and unlikely(lead, len(names)) < np.log(1.0 / self.options.error_budget)
-        if lead > TRIFLE * len(names) and not chance:
-            return False
-        self.model = trial
-        return True
-
-    @property
-    def between(self) -> tuple[str, ...]:
-        """The causes that have rivals, and those, in the order found."""
-        return tuple(dict.fromkeys(c for code in self.causes for c in (code, *self.rivals.get(code, ()))
-                                   if self.rivals.get(code)))
-
-    def _rename(self, code: str, simple: str) -> None:
-        """Call a cause by its special case, in all that is said of it."""
-        self.causes[self.causes.index(code)] = simple
-        self.evidence[simple], self.added[simple] = self.evidence.pop(code), self.added.pop(code)
-        self.rivals[simple] = self.rivals.pop(code, ())
-        self.rivals = {c: tuple(simple if r == code else r for r in others) for c, others in self.rivals.items()}
-        self.rounds = [one if one.cause != code else replace(one, cause=simple, candidates=tuple(
-            replace(c, state={code: "worse", simple: "named"}.get(c.code, c.state)) for c in one.candidates))
-            for one in self.rounds]
 
     def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
         """The gain in free runs over held-out blocks."""
@@ -380,14 +319,14 @@ class Search:
         i, a, b = blocks_of(traces)[0]
         return gain_of(forecast(before, self.folds), forecast(after, self.folds), unit,
                        (b - a) * traces[i].step, sensor_std(self.model),
-                       unexplained_percent(self.gained, remainder(after[0])))
+                       unexplained_percent(self.found.gained, remainder(after[0])))
 
     def total_gain(self) -> Gain:
         """From the first base to the last model."""
         gain = self.gain_between(tuple(f.trained for f in self.first_folds), self.trained)
-        return replace(gain, unexplained_percent=unexplained_percent(self.gained, self.left))
+        return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
 
     @property
     def confident(self) -> bool:
         """Whether little enough is left over for a name to be trusted."""
-        return self.left.total <= max(LEFT * self.gained, 10.0)
+        return self.left.total <= max(LEFT * self.found.gained, 10.0)

@@ -10,9 +10,10 @@ import numpy as np
 
 from drivetool.check.afresh import at_start, strayed
 from drivetool.check.candidates import torque_size
-from drivetool.check.decide import decide
+from drivetool.check.decide import Decision, decide
 from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round
+from drivetool.check.found import Found
 from drivetool.check.heldout import lead_in_blocks, score
 from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Model, at_rest, sensor_std
@@ -61,7 +62,7 @@ def _looked_again(search: Search) -> Search:
     else:
         other.ends = single
     other.run()
-    if len(other.causes) <= taken:
+    if len(other.found.causes) <= taken:
         return search
     trials = zip(other.trained, search.trained, folds, strict=True)
     if not np.concatenate([lead_in_blocks(*trial) for trial in trials]).sum() > 0.0:
@@ -69,16 +70,16 @@ def _looked_again(search: Search) -> Search:
     decision = decide([score(other.model, folds)], budget)
     if decision.best is None:
         return search
-    if taken and GAP in other.causes:
-        other.evidence[GAP] = decision.evidence
+    if taken and GAP in other.found.causes:
+        other.found.evidence[GAP] = decision.evidence
     return other
 
 
 def doubtful(search: Search) -> bool:
     """Whether the outcome leaves much, spoils the free runs, or hides much in an unlikely noise of the torque."""
-    if search.causes and not search.confident:
+    if search.found.causes and not search.confident:
         return True
-    if not search.causes and search.left.total == 0.0:  # one-step errors are white: that noise is one
+    if not search.found.causes and search.left.total == 0.0:  # one-step errors are white: that noise is one
         return False
     gain, model = search.total_gain(), search.model
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
@@ -108,9 +109,7 @@ def _from_the_start(search: Search) -> Search:
     other = copy(search)
     left = search.options.error_budget * 0.5 ** len(search.rounds)
     other.options = replace(search.options, error_budget=left)
-    other.causes, other.rounds, other.evidence, other.added = [], [], {}, {}
-    other.rivals, other.tied = {}, {}
-    other.faults, other.unasked, other.gained = list(search.faults), "", 0.0
+    other.found, other.rounds, other.faults, other.unasked = Found(), [], list(search.faults), ""
     other.stand_on(search.origin)
     other.trained = tuple(f.trained for f in other.folds)
     return other
@@ -129,9 +128,8 @@ def _begin_with_gap(search: Search, beside: Ends, first: Round) -> None:
     law = next((c.law for c in first.candidates if c.code == GAP), "")
     own = CandidateResult(GAP, law, "named", reason=TOGETHER)  # what it gains by itself says nothing
     search.rounds.append(Round(GAP, (own, *lines), stage))
-    search.causes.append(GAP)
-    search.added[GAP] = tuple(n for n in gap.task.free if n not in search.model.task.free)
-    search.gained = max(found.gain, 0.0)
+    added = [n for n in gap.task.free if n not in search.model.task.free]
+    search.found.take(GAP, Decision(found, (GAP,), 0.0), added, max(found.gain, 0.0))
     search.trained, search.ends = found.trained, beside
     search.left = remainder(gap)
     search.stand_on(gap)

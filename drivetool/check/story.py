@@ -98,24 +98,25 @@ def _state(s: Score, decision: Decision) -> State:
 def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
     faults = tuple(dict.fromkeys(f.code for f in search.faults))
-    causes = (*faults, *[c for c in search.causes if not search.between or c not in search.between])
-    verdict, between = _verdict(search, causes), search.between
+    between = search.found.between
+    causes = (*faults, *[c for c in search.found.causes if c not in between])
+    verdict = _verdict(search, causes)
     gain = search.total_gain()
     estimate = estimate_of(search, before, options)
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first)
-    if verdict == "named" and search.causes and taken_for_noise(gain, share):
-        verdict, doubted = "undetermined", max(search.causes, key=lambda c: search.evidence[c])
+    if verdict == "named" and search.found.causes and taken_for_noise(gain, share):
+        verdict, doubted = "undetermined", max(search.found.causes, key=lambda c: search.found.evidence[c])
         causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
         search.rounds = [_doubting(one, doubted) for one in search.rounds]
     experiment = experiment_of(between, verdict)
-    sentence = sentence_of(verdict, (causes, between, tuple(search.causes)), search.unasked, gain, share,
+    sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf))
     found = (*(f.finding for f in search.faults), *search.notes)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else faults,
         between if verdict == "undetermined" else (), experiment,
-        dict(search.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+        dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
 
 
 def _doubting(one: Round, code: str) -> Round:
@@ -125,12 +126,12 @@ def _doubting(one: Round, code: str) -> Round:
 
 
 def _verdict(search: Search, causes: Sequence[str]) -> str:
-    if search.unasked or (search.causes and not search.confident):
+    if search.unasked or (search.found.causes and not search.confident):
         return "unexplained"
-    if search.between:
+    if search.found.between:
         return "undetermined"
     # Rounding repeats where the motion is slow: what it leaves is no sign of anything else.
-    if not search.causes and search.left.total > UNEXPLAINED and "quantisation" not in causes:
+    if not search.found.causes and search.left.total > UNEXPLAINED and "quantisation" not in causes:
         return "unexplained"
     return "named" if causes else "nothing-found"
 

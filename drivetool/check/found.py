@@ -1,0 +1,78 @@
+"""What the rounds of a diagnosis have found, and what each of it leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from drivetool.check.decide import Decision
+
+
+@dataclass
+class Found:
+    """The causes found so far.
+
+    causes    codes in the order found
+    rivals    cause -> what explains the records as well; tied: cause -> all that did in its round
+    evidence  cause -> log10 of the evidence
+    added     cause -> names of the parameters that it freed
+    gained    log likelihood by all of them on data held out
+    """
+
+    causes: list[str] = field(default_factory=list)
+    rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    tied: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    evidence: dict[str, float] = field(default_factory=dict)
+    added: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    gained: float = 0.0
+
+    def take(self, code: str, decision: Decision, added: Sequence[str], gain: float) -> None:
+        """A further cause, as a round has decided; which parameters it frees, and what it gains."""
+        self.rivals = rivals_with(self.rivals, code, decision.between)
+        self.tied[code], self.evidence[code], self.added[code] = decision.between, decision.evidence, tuple(added)
+        self.causes.append(code)
+        self.gained += gain
+
+    def drop(self, code: str) -> None:
+        """A cause that a later one has made needless."""
+        self.causes.remove(code)
+        self.evidence.pop(code, None)
+        self.rivals = rivals_without(self.rivals, code, self.tied.get(code, ()))
+
+    def rename(self, code: str, simple: str, added: Sequence[str]) -> None:
+        """Call a cause by its special case, which has these parameters, in all that is said of it."""
+        self.causes[self.causes.index(code)] = simple
+        self.evidence[simple], self.added[simple] = self.evidence.pop(code), tuple(added)
+        self.tied[simple] = self.tied.pop(code, ())
+        self.rivals[simple] = self.rivals.pop(code, ())
+        self.rivals = {c: tuple(simple if r == code else r for r in others) for c, others in self.rivals.items()}
+
+    @property
+    def between(self) -> tuple[str, ...]:
+        """The causes that have rivals, and those, in the order found."""
+        return tuple(dict.fromkeys(c for code in self.causes for c in (code, *self.rivals.get(code, ()))
+                                   if self.rivals.get(code)))
+
+
+def rivals_with(rivals: Mapping[str, Sequence[str]], code: str, between: Sequence[str],
+                ) -> dict[str, tuple[str, ...]]:
+    """Cause -> what explains the record as well, once a further cause is found.
+
+    A rival of an earlier cause that is found, too, is there beside it: not one or the other, but both. So is what
+    the record does not tell from that rival.
+
+    between  the causes that explained the record equally well in this round, the one that is taken among them
+    """
+    left = {c: tuple(r for r in others if code not in others or r not in between) for c, others in rivals.items()}
+    return left | {code: tuple(c for c in between if c != code)}
+
+
+def rivals_without(rivals: Mapping[str, Sequence[str]], code: str, tied: Sequence[str],
+                   ) -> dict[str, tuple[str, ...]]:
+    """Cause -> what explains the record as well, once a cause is taken out that a later one has made needless.
+
+    Rivals of the later one were as good beside what it has replaced; alone only those are that tied there, too.
+
+    tied  the causes that explained the record equally well when the one that goes was found
+    """
+    return {c: tuple(r for r in others if c not in tied or r in tied) for c, others in rivals.items() if c != code}
