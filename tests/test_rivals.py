@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivetool.check.candidates import CANDIDATES
-from drivetool.check.found import rivals_with, rivals_without
+from drivetool.check.decide import Decision
+from drivetool.check.found import Found, rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
 from drivetool.check.model import everything, fit, from_start
 from drivetool.check.structure import carried, with_tip, without_tip
@@ -49,6 +50,35 @@ def test_what_stays_open_when_a_cause_turns_out_needless(first, expected):
     rivals = rivals_with({}, "torque-ripple", first)
     rivals = rivals_with(rivals, "imbalance", ("imbalance", "load-step", "quadratic-drag"))
     assert rivals_without(rivals, "torque-ripple", first) == {"imbalance": expected}
+
+
+def test_what_was_found_beside_a_cause_that_is_gone_is_asked_again():
+    """Unless it tied with that: then which of its rivals it has alone is known already."""
+    found = Found()
+    for between in (("third-mass", "dead-time"), ("dead-time",), ("quadratic-drag", "load-step")):
+        found.take(between[0], Decision(None, between, 30.0), [f"{between[0]}.size"], 100.0)
+    before = tuple(found.causes)
+    assert found.unsure(before) == []
+    found.drop("third-mass")
+    assert found.unsure(before) == ["quadratic-drag"] and "third-mass" not in found.evidence
+    assert found.between == ("quadratic-drag", "load-step")
+    found.reopen("quadratic-drag", ("quadratic-drag", "dead-time"))
+    assert found.between == ()  # dead time is there beside it
+    found.reopen("quadratic-drag", ("friction-drift", "quadratic-drag"))
+    assert found.between == ("quadratic-drag", "friction-drift")
+
+
+def test_a_cause_that_turns_out_its_special_case_is_called_that_in_all_that_is_said():
+    found = Found()
+    found.take("load-step", Decision(None, ("load-step", "coulomb-motor"), 30.0), ["load.step_torque"], 9.0)
+    found.take("stribeck-motor", Decision(None, ("stribeck-motor", "quadratic-drag"), 30.0),
+               ["motor.stribeck", "motor.coulomb"], 9.0)
+    before = tuple(found.causes)
+    found.rename("stribeck-motor", "coulomb-motor", ["motor.coulomb"])
+    assert found.causes == ["load-step", "coulomb-motor"] and set(found.evidence) == set(found.causes)
+    assert found.added["coulomb-motor"] == ("motor.coulomb",)
+    assert found.between == ("coulomb-motor", "quadratic-drag")  # dry friction is there beside the load step
+    assert found.unsure(before) == []  # nothing is gone
 
 
 def model_of(record, machine):

@@ -39,13 +39,31 @@ class Found:
         self.evidence.pop(code, None)
         self.rivals = rivals_without(self.rivals, code, self.tied.get(code, ()))
 
+    def unsure(self, before: Sequence[str]) -> list[str]:
+        """The causes that were found beside one that is gone, and did not tie with it.
+
+        What rivals them without it is not known.
+
+        before  the causes while that was among them
+        """
+        gone = [c for c in before if c not in self.causes and c in self.added]
+        return [c for c in self.causes if c in before
+                and any(before.index(g) < before.index(c) and c not in self.tied.get(g, ()) for g in gone)]
+
+    def reopen(self, code: str, between: Sequence[str]) -> None:
+        """What explains the records as well as a cause, asked again beside what is left."""
+        self.rivals[code] = tuple(c for c in between if c not in self.causes)
+
     def rename(self, code: str, simple: str, added: Sequence[str]) -> None:
-        """Call a cause by its special case, which has these parameters, in all that is said of it."""
+        """Call a cause by its special case, which has these parameters.
+
+        That is there beside the others then, and rivals none of them.
+        """
         self.causes[self.causes.index(code)] = simple
         self.evidence[simple], self.added[simple] = self.evidence.pop(code), tuple(added)
         self.tied[simple] = self.tied.pop(code, ())
         self.rivals[simple] = self.rivals.pop(code, ())
-        self.rivals = {c: tuple(simple if r == code else r for r in others) for c, others in self.rivals.items()}
+        self.rivals = {c: tuple(r for r in others if r != simple) for c, others in self.rivals.items()}
 
     @property
     def between(self) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ from drivetool.check.hypothesis import (
     without,
 )
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
-from drivetool.check.needless import NESTED, renamed, spared
+from drivetool.check.needless import NESTED, renamed, spared, without_them
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
 from drivetool.check.samples import fitted_samples
@@ -302,13 +302,31 @@ class Search:
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
-        before = self.model
+        before, causes = self.model, tuple(self.found.causes)
         self.model, names = spared(self.model, self.found, self.first.task.drive, self.asked, self.masks,
                                    self.options.error_budget)
         self.rounds = [renamed(one, names) for one in self.rounds]
-        if self.model is not before:
-            with suppress(*BROKEN):  # then the gain of what was found first stands
-                self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
+        if self.model is before:
+            return
+        with suppress(*BROKEN):  # then the gain, or what was open, of what was found first stands
+            self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
+            for code in self.found.unsure(causes):
+                self._ask_again(code)
+
+    def _ask_again(self, code: str) -> None:
+        """See what explains the records as well as a cause, where it was found beside one that is gone."""
+        model, bases, folds = self.model, self.bases, self.folds
+        try:
+            self.stand_on(without_them(model, self.found.added[code], self.first.task.drive, self.masks))
+            self.ends = {code: model}
+            tried = self._attempt()
+            scores = self._judge(tried)
+            decision = decide(scores, self.options.error_budget)
+            decision = decide(self._with_doubles(tried, scores, decision), self.options.error_budget)
+        finally:
+            self.model, self.bases, self.folds, self.ends = model, bases, folds, {}
+        if decision.best is not None:
+            self.found.reopen(code, decision.between)
 
     def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
         """The gain in free runs over held-out blocks."""
