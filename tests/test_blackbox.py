@@ -247,18 +247,19 @@ def test_closed_loop_is_not_biased(seed):
     assert joint(estimate, truth_of(machine)) > 1e-3
 
 
-def test_angle_with_gear_load_torque_and_converter():
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_angle_with_gear_load_torque_and_converter(order):
     base = machine_by_seed(5)
     machine = replace(
         base, ratio=(3.0,), inertia=(base.inertia[0], 9.0 * base.inertia[1]), viscous=(0.0, 0.0),
         stiffness=(9.0 * base.stiffness[0],), damping=(9.0 * base.damping[0],), converter_bandwidth=300.0,
-        dead_time=0.0023)
+        converter_damping=np.inf if order == 1.0 else 0.69, dead_time=0.0023)
     torque, rng = steps_of(machine, 5), np.random.default_rng(3)
     load = 0.3 * machine.rated_torque * (np.arange(len(torque)) % 2000 > 1300)
     run = simulate_linear(machine, torque, H, running(machine, 20.0), rng.standard_normal(len(torque)), load)
     angle = run.angles[:, 0] + 2e-5 * rng.standard_normal(len(torque))
     drive = two_mass().with_values({"shaft.ratio": 3.0, "converter.bandwidth": 300.0, "total.viscous": 0.0,
-                                    "converter.dead_time": 0.0023})
+                                    "converter.order": order, "converter.dead_time": 0.0023})
     record = experiment(torque, angle, "motor_angle", load_torque=load)
     estimate = blackbox([record], drive, Options())
     for name in (*SHAFT, "total.idle_torque"):

@@ -11,6 +11,7 @@ from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import Drive, two_mass
 from drivetool.drive.linearise import state_space
 from drivetool.drive.simulate import Trace
+from drivetool.errors import BadParameters
 from tests.simulator.machine import Machine, State, at_rest, machine_by_seed
 from tests.simulator.simulate import simulate, simulate_linear
 
@@ -33,8 +34,9 @@ def drive_of(machine):
         for suffix in suffixes:
             values |= {f"{o}.{suffix}": v for o, v in zip(owners, getattr(machine, suffix), strict=True)}
     if machine.converter_bandwidth is not None:
-        values |= {"converter.bandwidth": machine.converter_bandwidth,
-                   "converter.damping": machine.converter_damping}
+        values |= {"converter.bandwidth": machine.converter_bandwidth, **(
+            {"converter.order": 1.0} if np.isinf(machine.converter_damping)
+            else {"converter.damping": machine.converter_damping})}
     return Drive("test", bodies, shafts, values, damping_law=machine.law)
 
 
@@ -51,11 +53,11 @@ def start_of(machine, plant, start=None):
     x = np.zeros(plant.system.nx)
     n = machine.bodies
     x[:2 * n - 1] = [*start.speeds, *start.twists]
-    angle = plant.system.nx - 2 * n + 1 - 2 * (machine.converter_bandwidth is not None)
+    lag = (2 - np.isinf(machine.converter_damping)) * (machine.converter_bandwidth is not None)
+    angle = plant.system.nx - 2 * n + 1 - lag
     if angle:
         x[2 * n - 1] = start.angle
-    if machine.converter_bandwidth is not None:
-        x[2 * n - 1 + angle:][:2] = start.torque, start.torque_rate
+    x[2 * n - 1 + angle:][:lag] = (start.torque, start.torque_rate)[:lag]
     return x
 
 
@@ -118,6 +120,7 @@ LINEAR = {
     "two bodies, stiff": machine_by_seed(3, stiffness=(1e6,)),
     "heavy damping": machine_by_seed(4, viscous=(300.0, 20.0), damping=(1e3,)),
     "three bodies, ratios, converter, dead time": CHAIN,
+    "a converter of first order": changed(CHAIN, converter_damping=np.inf),
     "less than a sample late": late_by(0.3),
     "whole samples late": late_by(3.0),
     "a rounding error short of whole samples": late_by(np.nextafter(3.0, 0.0)),
@@ -142,6 +145,34 @@ def test_linear_chain_is_exact(name):
     if n > 1:
         passed = exact.shaft_torques[:, 0]
         np.testing.assert_allclose(shaft[:, 0], passed, atol=1e-9 * np.ptp(passed))
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_a_lag_of_the_torque_and_a_filter_on_the_speed_commute(order):
+    """On a linear drive; there they cannot be told apart."""
+    machine, lag = machine_by_seed(1, idle_torque=(0.0, 0.0)), {"bandwidth": 250.0, "order": order}
+    trace = Trace(np.repeat([0.0, 20.0, -5.0], 200)[:, None], np.full((600, 1), np.nan), STEP)
+    runs = []
+    for owner in ("converter", "sensor"):
+        plant = plant_of(drive_of(machine).with_values({f"{owner}.{k}": v for k, v in lag.items()}),
+                         ["motor_speed"])
+        runs.append(plant.outputs(trace, np.zeros(plant.nx)))
+    np.testing.assert_allclose(*runs, atol=1e-9 * np.abs(runs[0]).max())
+    plain = plant_of(drive_of(machine), ["motor_speed"])
+    assert np.abs(plain.outputs(trace, np.zeros(3)) - runs[0]).max() > 0.01 * np.abs(runs[0]).max()
+
+
+@pytest.mark.parametrize("values", [{"converter.order": 1.5}, {"sensor.order": 0.0}])
+def test_a_lag_of_no_such_order_is_refused(values):
+    given = {"converter.bandwidth": 250.0, "sensor.bandwidth": 250.0, **values}
+    with pytest.raises(BadParameters, match="order"):
+        plant_of(drive_of(machine_by_seed(1)).with_values(given), ["motor_speed"])
+
+
+def test_an_order_cannot_be_fitted():
+    drive = drive_of(machine_by_seed(1)).with_values({"converter.bandwidth": 250.0})
+    with pytest.raises(BadParameters, match="order"):
+        plant_of(drive, ["motor_speed"], free=("converter.order",))
 
 
 def test_a_total_is_shared_out():

@@ -32,7 +32,8 @@ class Case:
     def names(self):
         """Every parameter with a value, unless the case says otherwise."""
         return self.free or tuple(
-            n for n, v in drive_of(self.machine).values.items() if v or n.endswith(("ratio", "viscous")))
+            n for n, v in drive_of(self.machine).values.items()
+            if not n.endswith(".order") and (v or n.endswith(("ratio", "viscous"))))
 
     def plant(self, values=None, gradient=True):
         """The drive with some values replaced."""
@@ -105,6 +106,9 @@ CASES = {
                      outputs=("motor_speed",)),
     "chain with converter and dead time": Case(
         CHAIN, np.repeat([20.0, -20.0, 5.0], 100), start=State((1.0, 0.5, 1.0), (0.01, 0.02), 0.3, 20.0)),
+    "chain with converter of first order": Case(
+        changed(CHAIN, converter_damping=np.inf), np.repeat([20.0, -20.0, 5.0], 100),
+        start=State((1.0, 0.5, 1.0), (0.01, 0.02), 0.3, 20.0)),
     "gap inside": Case(RIG, levels(RIG, 500, 1)),
     "gap always": Case(changed(RIG, law="always"), levels(RIG, 500, 1)),
     "stick and slip": Case(changed(RUBBING, half_gap=(0.0,)), REVERSALS, start=MOVING),

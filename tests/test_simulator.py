@@ -250,6 +250,13 @@ def test_converter_step_response():
     assert run.time[-1] - run.speeds[-1, 0] == pytest.approx(2.0 * zeta / w0, abs=1e-7)
 
 
+def test_converter_step_response_of_first_order():
+    machine = Machine((1.0,), converter_bandwidth=433.0, converter_damping=np.inf)
+    run = simulate(machine, ones(40), STEP)
+    np.testing.assert_allclose(run.applied, 1.0 - np.exp(-433.0 * run.time), atol=1e-10)
+    assert run.time[-1] - run.speeds[-1, 0] == pytest.approx(1.0 / 433.0, abs=1e-7)
+
+
 # Numbers
 
 

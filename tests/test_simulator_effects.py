@@ -62,6 +62,7 @@ def test_compiled_simulator_agrees_on_every_effect(code):
 @pytest.mark.parametrize("machine", [
     machine_by_seed(4, gap=0.1), machine_by_seed(6, gap=0.05, friction=True, law="always"),
     machine_by_seed(3, friction=True, converter_bandwidth=433.0, dead_time=1.4e-3),
+    machine_by_seed(3, friction=True, converter_bandwidth=433.0, converter_damping=np.inf),
     Machine((0.4, 0.7, 3.0), (0.1, 0.2, 0.3), (0.5, 0.0, 1.0), (1.0, 0.5, 2.0), (900.0, 400.0), (0.5, 0.8),
             (0.01, 0.0), (2.0, 0.5), "inside", 433.0, 0.69, 0.0023, 60.0)])
 def test_compiled_simulator_agrees_on_plain_machines(machine):

@@ -17,7 +17,7 @@ from drivetool.drive.chain import Drive, one_body, two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.tune.criteria import criterion, signals, value, values
 from drivetool.tune.factors import factors
-from drivetool.tune.loop import Settings, Wiring, build
+from drivetool.tune.loop import Settings, Wiring, build, path_response, torque_path
 from drivetool.tune.margins import margins
 from drivetool.tune.search import Limits, allowed, check_finite, lowest_sensitivity, optimum, shapes_of, task
 from drivetool.tune.sensitivity import max_sensitivity, plant
@@ -66,15 +66,18 @@ def test_criteria_and_factors_against_a_fine_time_simulation(name):
     assert load.settling_time == pytest.approx(time[np.flatnonzero(np.abs(e) > 0.05 * -e.min())[-1]], abs=3 * h)
 
 
-def test_exact_dead_time_against_the_independent_simulator():
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_exact_dead_time_against_the_independent_simulator(order):
     """Its delay is a delay; its controller is discrete, whose hold is half a sample more of it."""
     h, at = 1e-4, Settings(1968.0, 0.0554)
     m = machine.Machine(inertia=(20, 80), viscous=(0.006, 0.024), stiffness=(224e3,), damping=(224.0,),
-                        converter_bandwidth=433.0, dead_time=0.002 - h / 2)
+                        converter_bandwidth=433.0, converter_damping=np.inf if order == 1.0 else 0.69,
+                        dead_time=0.002 - h / 2)
     n = 5000
     pi = controllers.SpeedPI(np.zeros(n), at.gain, at.gain / at.integral_time, h)
     run = simulate(m, np.zeros(n), h, controller=pi, load_torque=np.ones(n), rtol=1e-8, atol=1e-12)
-    found = signals(build(two_mass_plant("heavy"), Wiring()), at, ["motor_speed", "load_speed"])
+    drive = two_mass_plant("heavy").with_values({"converter.order": order})
+    found = signals(build(drive, Wiring()), at, ["motor_speed", "load_speed"])
     for body, modes in enumerate(found.values()):
         wanted = run.speeds[:, body]
         np.testing.assert_allclose(modes.at(run.time), wanted, atol=3e-3 * np.abs(wanted).max())
@@ -259,3 +262,12 @@ def test_lowest_sensitivity_is_the_border_of_the_feasible():
 def test_what_is_no_criterion(name, weights):
     with pytest.raises(BadOption):
         criterion(name, weights)
+
+
+@pytest.mark.parametrize("dead_time", ["exact", "zero"])
+def test_states_and_response_of_a_torque_path_of_first_order(dead_time):
+    drive = two_mass_plant("heavy").with_values({"converter.order": 1.0})
+    wiring, s = Wiring(dead_time=dead_time), 1j * np.geomspace(1.0, 400.0, 50)
+    a, b, c, d = torque_path(drive, wiring)
+    states = np.array([c @ np.linalg.solve(x * np.eye(len(a)) - a, b) + d for x in s])
+    np.testing.assert_allclose(states, path_response(drive, wiring, s), rtol=2e-4)

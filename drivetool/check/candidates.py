@@ -21,6 +21,7 @@ WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the rec
 EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
 QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
 LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
+ORDERS = (1.0, 2.0)  # of a lag
 
 
 @dataclass(frozen=True)
@@ -230,12 +231,15 @@ def _hold(base: Model) -> list[Start]:
     return _likeliest(base, [added(base, {name: share}, (), held=(name,)) for share in EARLIER])
 
 
-def _lag(name: str, role: str) -> Callable[[Model], list[Start]]:
+def _lag(owner: str, role: str) -> Callable[[Model], list[Start]]:
+    """Of first or of second order: a lag that is taken for one of the other order ends up somewhere else."""
     def starts(base: Model) -> list[Start]:
+        name, order = f"{owner}.bandwidth", f"{owner}.order"
         if present(base, name) or (role and role not in base.task.roles.outputs):
             return []
         step = base.problem.traces[0].step
-        return _likeliest(base, [added(base, {name: 1.0 / (n * step)}, ()) for n in LATE])
+        return [start for each in ORDERS for start in _likeliest(base, [
+            added(base, {name: 1.0 / (n * step), order: each}, (), held=(order,)) for n in LATE])]
     return starts
 
 
@@ -306,9 +310,9 @@ CANDIDATES: tuple[Candidate, ...] = (
     Candidate("imbalance", "imbalance", _imbalance),
     Candidate("dead-time", "dead-time", _dead_time, trace=_hardly_late("converter.dead_time", False)),
     Candidate("torque-hold", "torque-hold", _hold),
-    Candidate("converter-lag", "converter-lag", _lag("converter.bandwidth", ""),
+    Candidate("converter-lag", "converter-lag", _lag("converter", ""),
               trace=_hardly_late("converter.bandwidth", True)),
-    Candidate("speed-filter", "speed-filter", _lag("sensor.bandwidth", "motor_speed"),
+    Candidate("speed-filter", "speed-filter", _lag("sensor", "motor_speed"),
               trace=_hardly_late("sensor.bandwidth", True)),
     Candidate("torque-offset", "idle-torque", _offset),
     Candidate("load-step", "load-step", _load_step),

@@ -93,10 +93,11 @@ CAUSES = {
     "converter-lag": Cause(
         "lag of the torque", "The torque follows the logged command with a lag: the current loop is slower than "
         "the model took it to be.", "Look at the tuning of the current loop; log the actual torque too.",
-        "converter-lag", ("bandwidth", "damping")),
+        "converter-lag", ("bandwidth", "damping", "order")),
     "speed-filter": Cause(
         "a filter on the logged speed", "The logged speed went through a low-pass: the drive itself is faster "
-        "than its log.", "Log the speed before the filter, or the angle.", "speed-filter", ("bandwidth",)),
+        "than its log.", "Log the speed before the filter, or the angle.", "speed-filter",
+        ("bandwidth", "damping", "order")),
     "quantisation": Cause(
         "coarse steps in a sensor", "A sensor is logged in steps coarser than its noise.",
         "Log it with more digits, or log the angle instead of the speed.", None, ("resolution",),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,8 @@ DECIDES: Mapping[frozenset[str], str] = {
         (("friction-drift", "quadratic-drag"), "Repeat the record warm and at several speeds."),
         (("load-step", "quadratic-drag"), "Repeat the record at several speeds."),
     ]}
+# On a linear drive these differ in nothing but in which noise goes through them.
+SAME_RESPONSE = frozenset(("converter-lag", "speed-filter"))
 NEEDS = "Record what tells them apart: "
 
 
@@ -54,11 +56,18 @@ class Decision:
     evidence: float
 
 
-def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decision:
+def never(_one: Score, _best: Score) -> bool:
+    """No cause makes the motion of another."""
+    return False
+
+
+def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
+           imitates: Callable[[Score, Score], bool] = never) -> Decision:
     """Whether a cause is found, and which.
 
-    budget  share of records without any cause on which one may be found
-    gained  log likelihood by the causes that were found before
+    budget    share of records without any cause on which one may be found
+    gained    log likelihood by the causes that were found before
+    imitates  whether a cause could have made the motion that the best one makes
     """
     scores = with_use(scores)
     log_evidence = total_evidence(scores, gained)
@@ -68,7 +77,7 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0) -> Decis
     best = max(scores, key=lambda s: s.gain)
     if best.gain <= 0.0:
         return Decision(None, (), strength)
-    close = [s for s in scores if s is best or ties(s, best)]
+    close = [s for s in scores if s is best or ties(s, best, imitates)]
     codes = {s.model.code for s in close}
     nests = {c.code: set(c.nests) for c in CANDIDATES}
     simple = [s for s in close if not nests[s.model.code] & codes]
@@ -87,19 +96,22 @@ def with_use(scores: Sequence[Score]) -> list[Score]:
         for t in scores)]
 
 
-def ties(one: Score, best: Score) -> bool:
+def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = never) -> bool:
     """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker.
 
     Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945). Not
     for causes that are known to look alike: a filter and a lag, say, differ in what they make of the noise only.
     Of these none is better whose whole record is no likelier: what blocks say then is how well half of them was
-    fitted.
+    fitted. Nor is a lag or a filter whose motion the other makes as well, however much likelier the noise is.
     """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
     if one.gain <= SHARE * best.gain:
         return False
-    alike = frozenset((one.model.code, best.model.code)) in DECIDES
+    pair = frozenset((one.model.code, best.model.code))
+    alike = pair in DECIDES
+    if pair == SAME_RESPONSE and imitates(one, best):
+        return True
     if alike and one.lead - one.further > best.lead - best.further - SURPLUS:
         return True
     if difference.sum() >= max(CLOSE * error, LEAST):

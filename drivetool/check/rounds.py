@@ -29,6 +29,7 @@ from drivetool.check.hypothesis import (
     sizeable,
     without,
 )
+from drivetool.check.imitation import imitates
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.needless import NESTED, renamed, spared, without_them
 from drivetool.check.preflight import Fault
@@ -94,12 +95,12 @@ class Search:
             if self._improve(tried):
                 tried = self._attempt({t.candidate.code: t for t in tried})
             scores = self._judge(tried)
-            decision = decide(scores, budget, self.found.gained)
+            decision = decide(scores, budget, self.found.gained, imitates)
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
-                decision = decide(scores, budget, self.found.gained)
+                decision = decide(scores, budget, self.found.gained, imitates)
                 scores = self._with_doubles(tried, scores, decision)
-                decision = decide(scores, budget, self.found.gained)
+                decision = decide(scores, budget, self.found.gained, imitates)
             decision, stage, against = self._foretelling(decision, scores, budget)
             last = number == self.options.rounds
             asked = [t for t in tried if t.candidate.code in self.asked]
@@ -321,8 +322,8 @@ class Search:
             self.ends = {code: model}
             tried = self._attempt()
             scores = self._judge(tried)
-            decision = decide(scores, self.options.error_budget)
-            decision = decide(self._with_doubles(tried, scores, decision), self.options.error_budget)
+            decision = decide(scores, self.options.error_budget, 0.0, imitates)
+            decision = decide(self._with_doubles(tried, scores, decision), self.options.error_budget, 0.0, imitates)
         finally:
             self.model, self.bases, self.folds, self.ends = model, bases, folds, {}
         if decision.best is not None:

@@ -69,9 +69,9 @@ class Assembly:
         # Every further encoder has a zero of its own, a constant that the start state holds.
         self.states += [f"{role}.zero" for role in angle_roles(layout)[1:]]
         if self.acts_on_path("bandwidth"):
-            self.states += ["converter", "converter.rate"]
+            self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
         if self.filters_speed():
-            self.states.append("motor_speed.filtered")
+            self.states += ["motor_speed.filtered", "motor_speed.filtered.rate"][:self.lag_order("sensor.order")]
         if layout.memory is not None:
             self.states.append("disturbance")
         self.nx, self.nu = len(self.states), len(layout.inputs)
@@ -221,15 +221,31 @@ class Assembly:
         """Put a dead zone of half width `half` into a shaft."""
         self.gaps[shaft] = half
 
-    def second_order_input(self, bandwidth: Dual, damping: Dual) -> None:
-        """Let the motor torque follow its command as a second-order lag."""
-        state = self.states.index("converter")
-        one, square = self.number(1.0), bandwidth * bandwidth
-        self.torque(state, state + 1, one)
+    def lag_order(self, name: str) -> int:
+        """Order of a lag, which is no number to be fitted."""
+        value = self.drive.value(name)
+        if value not in (1.0, 2.0) or name in self.layout.free:
+            raise BadParameters(f"{name} of 1 or 2, held", "one that is free" if name in self.layout.free
+                                else f"{value:g}", "Correct it.")
+        return int(value)
+
+    def lag(self, state: int, source: int, bandwidth: Dual, damping: Dual, order: int) -> None:
+        """Let a state follow a column as a lag; of order 2 its rate is the next state."""
+        if order == 1:
+            self.torque(state, source, bandwidth)
+            self.torque(state, state, -bandwidth)
+            return
+        square = bandwidth * bandwidth
+        self.torque(state, state + 1, self.number(1.0))
         self.torque(state + 1, state, -square)
         self.torque(state + 1, state + 1, -2.0 * damping * bandwidth)
-        self.torque(state + 1, self.nx, square)
-        self.torque(0, state, one)
+        self.torque(state + 1, source, square)
+
+    def lagged_input(self, bandwidth: Dual, damping: Dual) -> None:
+        """Let the motor torque follow its command as a lag."""
+        state = self.states.index("converter")
+        self.lag(state, self.nx, bandwidth, damping, self.lag_order("converter.order"))
+        self.torque(0, state, self.number(1.0))
 
     def delay(self, dead_time: Dual) -> None:
         """Let the motor torque act later."""

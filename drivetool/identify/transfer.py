@@ -34,7 +34,7 @@ class Form:
     angle      whether the output is the angle, one more integrator
     ratio      of the shaft
     viscous    known friction, felt at the motor [Nm s/rad], where it is not among the names
-    bandwidth, damping, dead_time  of the converter
+    bandwidth, damping, lag_order, dead_time  of the converter
     """
 
     names: tuple[str, ...]
@@ -44,7 +44,13 @@ class Form:
     viscous: float = 0.0
     bandwidth: float = np.inf
     damping: float = 0.69
+    lag_order: int = 2
     dead_time: float = 0.0
+
+    @property
+    def lag(self) -> int:
+        """How many states the converter has."""
+        return self.lag_order if np.isfinite(self.bandwidth) else 0
 
     @property
     def order(self) -> int:
@@ -92,13 +98,12 @@ class Form:
 
     def rest(self, trace: Trace) -> np.ndarray:
         """Start state before anything is known: zero, a converter at the first torque."""
-        lag = [trace.inputs[0, 0], 0.0] if np.isfinite(self.bandwidth) else []
-        return np.concatenate([np.zeros(self.states), lag])
+        return np.concatenate([np.zeros(self.states), [trace.inputs[0, 0], 0.0][:self.lag]])
 
     def build(self, values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
         """The model ready to run, in observer form: the first state is the speed."""
-        lag, m = np.isfinite(self.bandwidth), self.order
-        nx = self.states + 2 * lag + (memory is not None)
+        lag, m = self.lag, self.order
+        nx = self.states + lag + (memory is not None)
         nu = 1 + len(self.signs)
         nq = -(-len(self.names) // PAD) * PAD if gradient else 0
         c = self.seeds(values, nq)
@@ -116,8 +121,10 @@ class Form:
             rows[i, -1] = (-top * c["offset"]).jet()
         if self.angle:
             rows[m, 0, 0] = 1.0
-        if lag:
-            i, w = self.states, self.bandwidth
+        i, w = self.states, self.bandwidth
+        if lag == 1:
+            rows[i, i, 0], rows[i, nx, 0] = -w, w
+        elif lag:
             rows[i, i + 1, 0], rows[i + 1, nx, 0] = 1.0, w * w
             rows[i + 1, [i, i + 1], 0] = -w * w, -2.0 * self.damping * w
         return self._plant(rows, trace.step, gradient, memory)
@@ -153,7 +160,7 @@ def form_of(drive: Drive, inputs: Sequence[str], angle: bool) -> Form:
         signs=tuple(-1.0 if role == "load_torque" else 1.0 for role in inputs[1:]),
         angle=angle, ratio=ratio, viscous=viscous,
         bandwidth=drive.value("converter.bandwidth"), damping=drive.value("converter.damping"),
-        dead_time=drive.value("converter.dead_time"))
+        lag_order=int(drive.value("converter.order")), dead_time=drive.value("converter.dead_time"))
 
 
 def to_physical(form: Form, c: Mapping[str, Dual]) -> dict[str, Dual]:

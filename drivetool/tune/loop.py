@@ -206,7 +206,7 @@ def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
 
 def torque_path(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """(A, b, c, d) from torque command to torque: dead time, then the converter's lag."""
-    w, zeta, late = converter(drive)
+    w, zeta, order, late = converter(drive)
     dead = _pade(late) if wiring.dead_time == "exact" else _nothing()
     if not np.isfinite(w):
         if wiring.dead_time == "zero" and late:
@@ -214,14 +214,19 @@ def torque_path(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray, n
                                 "Give converter.bandwidth, or use --dead-time exact.")
         return dead
     ahead = -late / 2.0 if wiring.dead_time == "zero" else 0.0
-    lag = (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]), 0.0)
+    if order == 1:  # T + ahead T', with T' = w (u - T)
+        one = np.ones(1)
+        lag = (-w * np.eye(1), w * one, (1.0 - ahead * w) * one, ahead * w)
+    else:
+        lag = (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]),
+               0.0)
     return _series(dead, lag)
 
 
-def converter(drive: Drive) -> tuple[float, float, float]:
-    """(bandwidth [rad/s] or infinite, damping ratio, dead time [s])."""
-    w, zeta, late = (drive.value(f"converter.{k}") for k in ("bandwidth", "damping", "dead_time"))
-    return (np.inf if w is None else w), zeta, late or 0.0
+def converter(drive: Drive) -> tuple[float, float, int, float]:
+    """(bandwidth [rad/s] or infinite, damping ratio, order of the lag, dead time [s])."""
+    w, zeta, order, late = (drive.value(f"converter.{k}") for k in ("bandwidth", "damping", "order", "dead_time"))
+    return (np.inf if w is None else w), zeta, int(order), late or 0.0
 
 
 def reflected_inertia(drive: Drive) -> float:
@@ -235,8 +240,8 @@ def reflected_inertia(drive: Drive) -> float:
 
 def path_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
     """(n,) response from command to torque, the dead time exact, and of the speed filter."""
-    w, zeta, late = converter(drive)
-    lag = 1.0 / ((s / w) ** 2 + 2.0 * zeta * s / w + 1.0) if np.isfinite(w) else np.ones_like(s)
+    w, zeta, order, late = converter(drive)
+    lag = 1.0 / (1.0 + s / w if order == 1 else (s / w) ** 2 + 2.0 * zeta * s / w + 1.0)
     return lag * (np.exp(-s * late) if wiring.dead_time == "exact" else 1.0 - s * late / 2.0)
 
 

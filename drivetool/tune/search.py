@@ -321,7 +321,7 @@ def check_finite(task: Task) -> None:
 
     raises  BadParameters: no lag, no dead time, no filter
     """
-    w, _, late = converter(task.loop.drive)
+    w, _, _, late = converter(task.loop.drive)
     if not np.isfinite(w) and late == 0.0 and task.loop.wiring.speed_filter == 0.0:
         raise BadParameters(
             "a converter bandwidth or dead time, or a speed filter", "none of them",

@@ -84,8 +84,8 @@ def speeds_of(drive: Drive, wiring: Wiring) -> tuple[float, float]:
     The fastest follows from all lags in the loop, or the highest resonance; the slowest from the
     lowest resonance, or the lags if there is none.
     """
-    w, zeta, late = converter(drive)
-    lag = late + wiring.speed_filter + (2.0 * zeta / w if np.isfinite(w) else 0.0)
+    w, zeta, order, late = converter(drive)
+    lag = late + wiring.speed_filter + (1.0 if order == 1 else 2.0 * zeta) / w
     ringing = [2.0 * np.pi * mode.frequency_hz for mode in resonances(drive)]
     rates = ringing + ([1.0 / lag] if lag > 0.0 else [])
     return min(rates, default=1.0), max(rates, default=1.0)

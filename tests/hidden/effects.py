@@ -201,13 +201,15 @@ def _dead_time(_rig, machine, logger, size, _rng):
     return replace(machine, dead_time=size * 1e-3), logger, {"converter.dead_time": size * 1e-3}
 
 
-def _converter(_rig, machine, logger, size, _rng):
+def _converter(_rig, machine, logger, size, rng):
+    """Of first or of second order."""
     if size <= 0:
         return machine, logger, {"converter.bandwidth": math.inf}
-    zeta = machine.converter_damping
-    bandwidth = 2.0 * zeta / (size * 1e-3)
-    return replace(machine, converter_bandwidth=bandwidth), logger, {
-        "converter.bandwidth": bandwidth, "converter.damping": zeta}
+    first, zeta = bool(rng.uniform() < 0.5), machine.converter_damping
+    bandwidth = (1.0 if first else 2.0 * zeta) / (size * 1e-3)
+    label = {"converter.order": 1.0} if first else {"converter.order": 2.0, "converter.damping": zeta}
+    machine = replace(machine, converter_bandwidth=bandwidth, converter_damping=math.inf if first else zeta)
+    return machine, logger, {"converter.bandwidth": bandwidth, **label}
 
 
 def _speed_filter(_rig, machine, logger, size, _rng):

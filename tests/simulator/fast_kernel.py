@@ -136,7 +136,9 @@ def derivative(x, at, to, t, u, p, mode):
         x[to, n + k] = x[at, k] / p[RAT, k] - x[at, k + 1]
     x[to, 2 * n - 1] = x[at, 0]
     w0 = p[LINE, W0]
-    if w0 > 0.0:
+    if w0 > 0.0 and np.isinf(p[LINE, ZETA]):
+        x[to, 2 * n], x[to, 2 * n + 1] = w0 * (u.command - x[at, 2 * n]), 0.0
+    elif w0 > 0.0:
         x[to, 2 * n] = x[at, 2 * n + 1]
         x[to, 2 * n + 1] = w0 * w0 * (u.command - x[at, 2 * n]) - 2.0 * p[LINE, ZETA] * w0 * x[at, 2 * n + 1]
     if p[LINE, FIL] > 0.0:

@@ -139,7 +139,10 @@ class Laws:
         if self.converter:
             w0, zeta = self.machine.converter_bandwidth, self.machine.converter_damping
             torque, slope = x[2 * self.n], x[2 * self.n + 1]
-            rates += [slope, w0 * w0 * (self.command - torque) - 2.0 * zeta * w0 * slope]
+            if math.isinf(zeta):
+                rates += [w0 * (self.command - torque), 0.0]
+            else:
+                rates += [slope, w0 * w0 * (self.command - torque) - 2.0 * zeta * w0 * slope]
         if self.filtered is not None:
             rates.append((x[0] - x[self.filtered]) / self.machine.effects.filter_time)
         if self.clock is not None:

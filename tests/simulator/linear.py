@@ -54,9 +54,12 @@ def equations(machine: Machine) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if lag:
         w0 = machine.converter_bandwidth
         a[0, 2 * n] = 1.0 / machine.inertia[0]
-        a[2 * n, 2 * n + 1] = 1.0
-        a[2 * n + 1, 2 * n:] = -w0 * w0, -2.0 * machine.converter_damping * w0
-        b[2 * n + 1, 0] = w0 * w0
+        if np.isinf(machine.converter_damping):
+            a[2 * n, 2 * n], b[2 * n, 0] = -w0, w0
+        else:
+            a[2 * n, 2 * n + 1] = 1.0
+            a[2 * n + 1, 2 * n:] = -w0 * w0, -2.0 * machine.converter_damping * w0
+            b[2 * n + 1, 0] = w0 * w0
     else:
         b[0, 0] = 1.0 / machine.inertia[0]
     return a, b, c

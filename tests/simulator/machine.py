@@ -28,7 +28,8 @@ class Machine:
     ratio        (n-1,) twist = angle/ratio - next angle; empty is one
     law          "inside": Ts = ks dead(twist + cs/ks d(twist)/dt, a), which never pulls;
                  "always": Ts = ks dead(twist, a) + cs d(twist)/dt
-    converter_bandwidth  [rad/s] or None: T'' + 2 zeta w0 T' + w0^2 T = w0^2 u(t - dead_time)
+    converter_bandwidth  [rad/s] or None: T'' + 2 zeta w0 T' + w0^2 T = w0^2 u(t - dead_time);
+                 of first order, T' = w0 (u(t - dead_time) - T), where converter_damping is infinite
     dead_time    [s], any fraction of a sample
     rated_torque [Nm] or None; a scale for experiments, no part of the physics
     effects      further laws, see Effects

@@ -1,14 +1,13 @@
-"""Torque converter: the drive's torque follows the logged command with a second-order lag."""
+"""Torque converter: the drive's torque follows the logged command with a lag of first or second order."""
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def stamp(assembly, _path):
-    """T'' + 2 zeta w0 T' + w0^2 T = w0^2 u, as two states of the chain, hence exact."""
+    """The lag as one or two states of the chain, hence exact."""
     if assembly.acts_on_path("bandwidth"):
-        assembly.second_order_input(
-            assembly.of_path("bandwidth"), assembly.of_path("damping"))
+        assembly.lagged_input(assembly.of_path("bandwidth"), assembly.of_path("damping"))
 
 
 EFFECT = Effect(
@@ -17,10 +16,11 @@ EFFECT = Effect(
     quantities={
         "bandwidth": Quantity("rad/s", "converter bandwidth", (1e-3, 1e9), 1.0, float("inf")),
         "damping": Quantity("", "converter damping ratio", (0.05, 20.0), 0.1, 0.69),
+        "order": Quantity("", "order of the converter's lag, 1 or 2", (1.0, 2.0), 1.0, 2.0),
     },
     stamp=stamp,
-    law="T'' + 2 zeta w0 T' + w0^2 T = w0^2 u",
+    law="T'' + 2 zeta w0 T' + w0^2 T = w0^2 u; of order 1: T' = w0 (u - T)",
     needs="excitation above a third of the converter bandwidth",
-    source="Tallfors 2005, (2.3)",
+    source="Tallfors 2005, (2.3); of order 1: Leonhard 2001, Control of Electrical Drives",
     present=("bandwidth",),
 )

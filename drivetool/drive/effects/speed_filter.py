@@ -1,25 +1,28 @@
-"""A logged motor speed that went through a low-pass before it was logged."""
+"""A logged motor speed that went through a low-pass of first or second order before it was logged."""
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def stamp(assembly, _sensor):
-    """dy/dt = wf (w - y), as a state of the chain, hence exact."""
+    """The filter as one or two states of the chain, hence exact."""
     if assembly.filters_speed():
-        bandwidth = assembly.of_sensor("bandwidth")
         state = assembly.states.index("motor_speed.filtered")
-        assembly.torque(state, assembly.speed(0), bandwidth)
-        assembly.torque(state, state, -bandwidth)
+        assembly.lag(state, assembly.speed(0), assembly.of_sensor("bandwidth"), assembly.of_sensor("damping"),
+                     assembly.lag_order("sensor.order"))
 
 
 EFFECT = Effect(
     code="speed-filter",
     of="sensor",
-    quantities={"bandwidth": Quantity("rad/s", "bandwidth of the filter on the logged motor speed",
-                                      (1e-3, 1e9), 1.0, float("inf"))},
+    quantities={
+        "bandwidth": Quantity("rad/s", "bandwidth of the filter on the logged motor speed", (1e-3, 1e9), 1.0,
+                              float("inf")),
+        "damping": Quantity("", "damping ratio of that filter", (0.05, 20.0), 0.1, 0.69),
+        "order": Quantity("", "order of that filter, 1 or 2", (1.0, 2.0), 1.0, 1.0),
+    },
     stamp=stamp,
-    law="dy/dt = wf (w - y)",
+    law="dy/dt = wf (w - y); of order 2: y'' + 2 zeta wf y' + wf^2 y = wf^2 w",
     needs="excitation above a third of the sampling rate, and a second sensor to tell it from an input lag",
     source="Franklin, Powell, Workman 1998, Digital Control of Dynamic Systems",
     present=("bandwidth",),
