@@ -26,6 +26,8 @@ SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
 TIPS = 2  # frequencies that are worth a fit
 KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
+HIGHEST = 0.45  # of the sampling rate, up to which a ripple is followed
+LINES = 2000  # frequencies up to there at which its trace is known
 EARLY = 0.3  # s at both ends of a record where a load step is not looked for
 
 
@@ -86,8 +88,6 @@ def likely_orders(base: Model) -> list[float]:
     response at the frequency n times the speed gives size and phase from sample to sample, and the
     score of an order is what that shape explains.
     """
-    best: dict[float, float] = {}
-    scores, grid = None, None
     z, angles, speeds = _innovations(base)
     reach = max(float(np.ptp(a)) for a in angles)
     top = max(float(np.quantile(np.abs(v), 0.9)) for v in speeds)
@@ -95,30 +95,29 @@ def likely_orders(base: Model) -> list[float]:
         return []
     step = base.problem.traces[0].step
     spacing = np.pi / reach
-    high = 0.25 * 2.0 * np.pi / step / top
+    high = HIGHEST * 2.0 * np.pi / step / top
     grid = max(spacing, 2.0 * np.pi / reach) + spacing * np.arange(ORDERS)
     grid = grid[grid < high]
-    frequencies = np.concatenate(([0.0], np.geomspace(0.05, 0.5 / step, 300)))
+    frequencies = np.linspace(0.0, HIGHEST / step, LINES + 1)
     response = disturbance_response(base, frequencies[1:])
-    response = np.vstack([np.zeros((1, response.shape[1])), response])
+    response = np.vstack([np.zeros_like(response[:1]), response])
     scores = np.zeros(len(grid))
     shape = [np.exp(1j * grid[0] * a) for a in angles]
     turn = [np.exp(1j * spacing * a) for a in angles]
     for k, order in enumerate(grid):
         upper, lower = 0.0 + 0.0j, 0.0
         for e, v, s in zip(z, speeds, shape, strict=True):
-            f = order * v / (2.0 * np.pi)
+            line = np.rint(np.abs(v) * (order / (2.0 * np.pi * frequencies[1]))).astype(np.intp)
+            line[line > LINES] = 0  # too fast to be followed
             for m, own in enumerate(response.T):
-                h = np.interp(np.abs(f), frequencies, own)
-                h = np.where(f < 0.0, np.conj(h), h)
+                h = own[line]
+                h = np.where(v < 0.0, np.conj(h), h)
                 upper += e[:, m] @ (s * h)
                 lower += float(np.sum(np.abs(h) ** 2))
         scores[k] = np.abs(upper) ** 2 / max(lower, 1e-300)
         for j in range(len(shape)):
             shape[j] *= turn[j]
-    for i in valleys(-scores)[:KEEP]:
-        best[float(grid[i])] = float(scores[i])
-    return list(best)
+    return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
 
 
 def _innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:

@@ -133,13 +133,15 @@ def without_surprises(model: Model, experiments: Sequence[Experiment],
     """(the records without single values that a model which explains all the rest finds impossible, findings).
 
     What is too small to stand out from its neighbours stands out from what was to be expected. A motion that did
-    happen goes on: the samples after it would surprise as much once it is left out.
+    happen goes on: the samples after it would surprise as much once it is left out. The first samples tell
+    nothing: the torque that still acts in them was not recorded.
 
     model  leaves nothing but noise over these experiments
     """
     found, at = [], 0
     errors, first = _surprise(model, model.problem.traces)
-    marked = [np.abs(z) > IMPOSSIBLE for z in first]
+    late = model.fitted.drive.value("converter.dead_time") / model.problem.traces[0].step
+    marked = [(np.abs(z) > IMPOSSIBLE) & (np.arange(len(z)) >= AFTER + late)[:, None] for z in first]
     _, second = _surprise(model, tuple(replace(t, outputs=np.where(m, np.nan, t.outputs))
                                     for t, m in zip(model.problem.traces, marked, strict=True)))
     findings: list[Finding] = []

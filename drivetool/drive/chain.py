@@ -91,6 +91,13 @@ class Drive:
         names = [f"{b}.{TOTALS[total]}" for b in self.bodies]
         return {n: whole * s for n, s in zip(names, shares(TOTALS[total], masses, self.turns()), strict=True)}
 
+    def told(self, name: str) -> float | None:
+        """The value, that of a body's part by rule where only the sum is known, the neutral value, or None."""
+        for total, suffix in TOTALS.items():
+            if total in self.values and name not in self.values and name.endswith(f".{suffix}"):
+                return self.parts(total, self.values[total])[name]
+        return self.value(name)
+
     def with_values(self, values: Mapping[str, float]) -> Drive:
         """The drive with some values replaced; a total and its parts displace each other."""
         merged = dict(self.values)

@@ -77,7 +77,7 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
         value = float(solution.point.values[j])
         std = float(np.sqrt(covariance[j, j])) if np.isfinite(covariance[j, j]) else None
         low, high = problem.low[j], problem.high[j]
-        common = (name, value, after.unit(name), before.value(name))
+        common = (name, value, after.unit(name), before.told(name))
         known = std is not None and told(value, std, inflation[j], before, name)
         if not free[j] or (on_bound[j] and known):
             upper = _beyond_bound(problem, solution, j)
