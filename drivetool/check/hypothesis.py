@@ -26,6 +26,7 @@ AHEAD = 50.0  # log likelihood by which the best of them must lead to be the onl
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
+SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
@@ -160,8 +161,11 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit.
 
     Where parameters trade against one another a standard error says little: the base begun there decides. Not over
-    a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none.
+    a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none. Nor is a
+    warm-up one of which the record does not show the end.
     """
+    if tried.model is not None and _endless(tried.model):
+        return replace(tried, reason="it would take longer than the record to show", absent="no-gain")
     longer = tried.model is not None and tried.model.task.drive.bodies != base.task.drive.bodies
     if not (tried.smallest or longer) or tried.model is None:
         return tried
@@ -175,6 +179,12 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     if not sizes or max(sizes) > TOLD or (not longer and _needed(tried.model, base, masks)):
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
+
+
+def _endless(model: Model) -> bool:
+    """Whether a time constant of a warm-up lies on its bound."""
+    values = zip(model.task.free, model.point.values, model.problem.high, strict=True)
+    return any(n.endswith(".drift_time") and value > 0.99 * high for n, value, high in values)
 
 
 def _needed(model: Model, base: Model, masks: Masks) -> bool:
@@ -294,10 +304,10 @@ def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np
 
 
 def _bounded(problem: Problem, base: Model, task) -> Problem:
-    """No lag faster than leaves a trace, and no Stribeck speed that the record never leaves behind.
+    """No lag faster than leaves a trace, no Stribeck speed that the record never leaves behind, no endless warm-up.
 
-    With so short a lag contacts inside a sample take ever longer; with so high a speed the surplus
-    is Coulomb friction by another name.
+    With so short a lag contacts inside a sample take ever longer; with so high a speed, or in so long a time, the
+    surplus is constant friction by another name.
     """
     low, high = problem.low.copy(), problem.high.copy()
     for j, name in enumerate(task.free):
@@ -305,6 +315,8 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
             high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
         elif name.endswith(".stribeck_speed"):
             high[j] = min(high[j], motion(base)[0])
+        elif name.endswith(".drift_time"):
+            high[j] = min(high[j], SLOWEST * motion(base)[1])
         elif name.endswith(".viscous_asymmetry"):
             most = max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces) / motion(base)[0]
             low[j], high[j] = max(low[j], -most), min(high[j], most)

@@ -79,10 +79,13 @@ class Drive:
 
     def felt(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
         """Sum of a friction parameter over the bodies as it is felt at the motor; unknown ones count nothing."""
-        turns = dict(zip(self.bodies, self.turns(), strict=True))
-        parts = ((self.value(f"{b}.{suffix}") or 0.0) / turns[b] ** GEARED[suffix]
-                 for b in (self.bodies if bodies is None else bodies))
-        return float(sum(parts))
+        names = (f"{b}.{suffix}" for b in (self.bodies if bodies is None else bodies))
+        return float(sum((self.value(n) or 0.0) * self.felt_share(n) for n in names))
+
+    def felt_share(self, name: str) -> float:
+        """What the motor feels of one of a body's friction parameter behind its gears."""
+        body, suffix = name.split(".")
+        return self.turns()[self.bodies.index(body)] ** -GEARED[suffix]
 
     def parts(self, total: str, whole: float) -> dict[str, float]:
         """The bodies' own parameters when a sum is shared out by rule."""

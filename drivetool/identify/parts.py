@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import GEARED, TOTALS
+from drivetool.drive.chain import GEARED, TOTALS, Drive
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.results import covariance_of
@@ -36,12 +36,16 @@ def parted(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]]]:
     return found
 
 
-def told_apart(problem: Problem, point: Point, normal: Normal, parts: Sequence[str], whole: float) -> bool:
-    """Whether the predicted std of each part is below a third of the sum, by the normal equations at a point."""
+def told_apart(drive: Drive, problem: Problem, point: Point, normal: Normal, parts: Sequence[str],
+               whole: float) -> bool:
+    """Whether the predicted std of each part, as the motor feels it, is below a third of the sum.
+
+    normal  equations at the point
+    """
     covariance, inflation, _ = covariance_of(
         replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
     index = [problem.names.index(p) for p in parts]
     with np.errstate(invalid="ignore"):
-        std = np.sqrt(np.diag(covariance)[index])
+        std = np.sqrt(np.diag(covariance)[index]) * [drive.felt_share(p) for p in parts]
     return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
                 and np.all(std < max(abs(whole), 1e-12) * SHARE))
