@@ -131,10 +131,18 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
             if looks_coloured(filtered(problem, best.point, best.noise, keep=False)):
                 # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
                 fits.append(by_cooling(start, problem, None, 10.0, most))
-                tried.append({"way": "cooled", **{k: float(v) for k, v in values.items()}})
+                fits.append(_through_simulation(start, problem, most))
+                tried += [{"way": way, **{k: float(v) for k, v in values.items()}} for way in ("cooled", "simulated")]
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+
+
+def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:
+    """A fit from where the simulation error is least: no noise of the torque can make a wrong drive pass there."""
+    place = by_simulation(start, SEGMENT, [{}])
+    drive = start.at_point(place.solution.point).drive
+    return fit_innovations(problem, first_point(drive, problem, start.roles), arrived=True, most=most)
 
 
 def _polished(problem: Problem, fits: Sequence[Fit]) -> Fit:
