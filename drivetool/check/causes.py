@@ -121,11 +121,11 @@ CAUSES = {
     "wrong-sign": Cause(
         "a channel with the wrong sign", "Two channels that should agree have opposite signs.",
         "Set 'sign: -1' for that role in the channel map.", None, ("scale",),
-        needs="two channels of one motion: speed and angle, or shaft and motor torque"),
+        needs="two channels of one motion: speed and angle, motor and load, or shaft and motor torque"),
     "wrong-scale": Cause(
         "a channel with the wrong scale", "Two channels that should agree differ by a constant factor.",
         "Correct unit, rating or gear ratio of that channel in the channel map.", None, ("scale",),
-        needs="two channels of one motion: speed and angle, or shaft and motor torque"),
+        needs="two channels of one motion: speed and angle, motor and load, or shaft and motor torque"),
 }
 
 

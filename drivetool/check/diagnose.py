@@ -58,7 +58,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
     logged = (*experiments, *holdout)
-    mended, faults = preflight(logged, unmodelled(wanted, drive))
+    mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []
     blamed: list[Fault] = []

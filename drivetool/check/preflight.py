@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from drivetool.check.agreement import agreement, travelled
 from drivetool.check.lateness import lag_of
 from drivetool.check.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
@@ -33,9 +35,13 @@ class Fault:
     finding: Finding
 
 
-def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
+def preflight(experiments: Sequence[Experiment], wanted: Sequence[str], turns: float = 1.0,
               ) -> tuple[tuple[Experiment, ...], list[Fault]]:
-    """(mended experiments, faults); wanted: codes of the causes that may be named."""
+    """(mended experiments, faults).
+
+    wanted  codes of the causes that may be named
+    turns   of the motor for one of the load
+    """
     mended, faults = [], []
     for e in experiments:
         if "outliers" in wanted:
@@ -44,8 +50,9 @@ def preflight(experiments: Sequence[Experiment], wanted: Sequence[str],
         if "quantisation" in wanted:
             faults += _quantisation(e)
         faults += _filtered(e, wanted)
-        e, found = _channels(e, wanted)
-        faults += found
+        for look in (_channels, partial(_ends, turns=turns)):
+            e, found = look(e, wanted)
+            faults += found
         mended.append(e)
     return tuple(mended), faults
 
@@ -95,7 +102,7 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         speed, angle = f"{body}_speed", f"{body}_angle"
         if speed not in signals or angle not in signals:
             continue
-        factor, error = slope(signals[angle], signals[speed], e.step, e.segments)
+        factor, error = agreement(signals, angle, speed, e.step, e.segments)
         code = _code(factor, error, wanted)
         if code is None:
             continue
@@ -107,6 +114,29 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right.
         signals[speed] = signals[speed] / factor
     return replace(e, signals=signals), faults
+
+
+def _ends(e: Experiment, wanted: Sequence[str], turns: float) -> tuple[Experiment, list[Fault]]:
+    """The motion of the load against that of the motor, which differs by what the shafts twist.
+
+    Angles count right, and are looked at where there are any.
+    """
+    here, there = ([f"{body}_{kind}" for kind in ("angle", "speed") if f"{body}_{kind}" in e.signals]
+                   for body in ("motor", "load"))
+    if not here or not there:
+        return e, []
+    factor, error = (turns * each for each in travelled(e.signals, here[0], there[0], e.step, e.segments))
+    code = _code(factor, error, wanted)
+    if code is None:
+        return e, []
+    finding = Finding(
+        "warning", code,
+        f"{e.name}: the logged {there[0].replace('_', ' ')} is {factor:.4g} times what the "
+        f"{here[0].replace('_', ' ')} says, by a gear of {turns:.4g}.",
+        {"factor": float(factor), "std": float(error)},
+        "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio.")
+    return replace(e, signals={**e.signals, **{role: e.signals[role] / factor for role in there}}), [
+        Fault(code, finding)]
 
 
 def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
@@ -126,28 +156,3 @@ def _code(factor: float, error: float, wanted: Sequence[str]) -> str | None:
         return None
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     return code if code in wanted else None
-
-
-def slope(angle: np.ndarray, speed: np.ndarray, step: float, segments) -> tuple[float, float]:
-    """(slope, its standard error) of the logged speed over the rate of the angle, both averaged alike."""
-    length = max(2, round(0.02 / step))
-    pairs = []
-    for a, b in segments:
-        n = (b - a - 1) // length
-        if n < 5:
-            continue
-        theta = angle[a:a + n * length + 1:length]
-        # Half weight at both ends: the mean of the speed over what the angle went through.
-        total = np.concatenate(([0.0], np.cumsum(0.5 * (speed[a:b - 1] + speed[a + 1:b]))))
-        pairs.append((np.diff(theta) / (length * step), np.diff(total[:n * length + 1:length]) / length))
-    if not pairs:
-        return np.nan, np.inf
-    x, y = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    good = np.isfinite(x) & np.isfinite(y)
-    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
-    if len(x) < 20 or x @ x <= 0.0:
-        return np.nan, np.inf
-    factor = float(x @ y / (x @ x))
-    error = float(np.sqrt(np.mean((y - factor * x) ** 2) / (x @ x)))
-    return (factor, error) if abs(factor) * np.sqrt(x @ x) > 3.0 * np.linalg.norm(y - factor * x) else (
-        np.nan, np.inf)

@@ -132,7 +132,8 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
                 # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
                 fits.append(by_cooling(start, problem, None, 10.0, most))
                 fits.append(_through_simulation(start, problem, most))
-                tried += [{"way": way, **{k: float(v) for k, v in values.items()}} for way in ("cooled", "simulated")]
+                tried += [{"way": way, **{k: float(v) for k, v in values.items()}}
+                          for way in ("cooled", "simulated")]
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)

@@ -1,0 +1,89 @@
+"""By how much one channel of a motion is another one: over windows, or over all of the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+BLOCKS = 20  # independent pieces that what is left over of a way counts for: it goes on as a shaft rings
+SHORT = 0.05  # s over which a way is averaged
+WINDOWS = (0.02, 0.1, 0.5)  # s over which both are averaged; the one that tells most counts
+FEW = 20  # windows below which nothing is said
+PLAIN = 3.0  # times what is left over that the one must show in the other
+
+
+def agreement(signals: Mapping[str, np.ndarray], one: str, other: str, step: float,
+              segments: Sequence[tuple[int, int]]) -> tuple[float, float]:
+    """(slope, its standard error) of the mean rate of a channel over that of another; nan where nothing is told.
+
+    one, other  roles of one body, angles or speeds; of an angle the rate is what it went through
+    """
+    found = [_over(signals, one, other, step, segments, max(2, round(window / step))) for window in WINDOWS]
+    return min(found, key=lambda f: f[1])
+
+
+def _over(signals: Mapping[str, np.ndarray], one: str, other: str, step: float,
+          segments: Sequence[tuple[int, int]], length: int) -> tuple[float, float]:
+    pairs = [np.array([_rates(signals[role][a:b], role, step, length) for role in (one, other)])
+             for a, b in segments if b - a > 5 * length]
+    x, y = np.concatenate(pairs, axis=1) if pairs else np.empty((2, 0))
+    good = np.isfinite(x) & np.isfinite(y)
+    if good.sum() < FEW:
+        return np.nan, np.inf
+    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
+    size = float(x @ x)
+    if size <= 0.0:
+        return np.nan, np.inf
+    factor = float(x @ y / size)
+    left = y - factor * x
+    if abs(factor) * np.sqrt(size) <= PLAIN * np.linalg.norm(left):
+        return np.nan, np.inf
+    return factor, float(np.sqrt(np.mean(left**2) / size))
+
+
+def _rates(y: np.ndarray, role: str, step: float, length: int) -> np.ndarray:
+    """(n,) mean rate of a channel over each window; nan where a value is missing."""
+    n = (len(y) - 1) // length
+    if role.endswith("angle"):
+        return np.diff(y[:n * length + 1:length]) / (length * step)
+    # Half weight at both ends: the mean of the speed over what the angle goes through.
+    return (0.5 * (y[:-1] + y[1:]))[:n * length].reshape(n, length).mean(axis=1)
+
+
+def travelled(signals: Mapping[str, np.ndarray], one: str, other: str, step: float,
+              segments: Sequence[tuple[int, int]]) -> tuple[float, float]:
+    """(slope, its standard error) of the way of a channel over that of another; nan where nothing is told.
+
+    one, other  roles of two bodies, angles or speeds. What is between them twists as it drags and accelerates what
+                is behind, which speed and acceleration take up; an offset of a speed grows with time
+    """
+    length, rows = max(2, round(SHORT / step)), []
+    for a, b in segments:
+        n = (b - a) // length
+        if n < FEW:
+            continue
+        x, y = (_way(signals[role][a:b], role, step)[:n * length].reshape(n, length).mean(axis=1)
+                for role in (one, other))
+        known = np.column_stack([np.ones(n - 2), np.arange(n - 2), x[2:] - x[:-2], x[2:] - 2.0 * x[1:-1] + x[:-2]])
+        known = known / np.maximum(np.linalg.norm(known, axis=0), 1e-300)
+        pair = np.column_stack([x, y])[1:-1]
+        rows.append(pair - known @ np.linalg.lstsq(known, pair, rcond=None)[0])
+    x, y = np.concatenate(rows).T if rows else np.empty((2, 0))
+    size = float(x @ x)
+    if not size > 0.0 or not np.all(np.isfinite(y)):
+        return np.nan, np.inf
+    factor = float(x @ y / size)
+    left = float(np.linalg.norm(y - factor * x))
+    if abs(factor) * np.sqrt(size) <= PLAIN * left:
+        return np.nan, np.inf
+    return factor, left / np.sqrt(size * BLOCKS)
+
+
+def _way(y: np.ndarray, role: str, step: float) -> np.ndarray:
+    """(n,) where a body is, from its angle or its speed; missing values are bridged."""
+    good = np.isfinite(y)
+    if not good.any():
+        return np.full(len(y), np.nan)
+    y = np.interp(np.arange(len(y)), np.flatnonzero(good), y[good])
+    return y if role.endswith("angle") else step * np.concatenate(([0.0], np.cumsum(0.5 * (y[:-1] + y[1:]))))

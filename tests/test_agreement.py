@@ -1,0 +1,63 @@
+"""Sign and scale of the load's channels, held against the motor's through the gear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.preflight import preflight
+from tests.recover import STEP, experiment
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import machine_by_seed
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
+
+WANTED = ("wrong-sign", "wrong-scale")
+RATIO, SIZE = 3.0, 8000
+
+
+def recorded(seed, kinds, factor=1.0):
+    """A record of a geared drive that goes back and forth, the load's channel times a factor."""
+    base = machine_by_seed(seed)
+    machine = replace(base, ratio=(RATIO,), inertia=(base.inertia[0], RATIO**2 * base.inertia[1]),
+                      stiffness=(RATIO**2 * base.stiffness[0],), damping=(RATIO**2 * base.damping[0],))
+    slow, fast = (multisine(np.linspace(*ends, 20), 1.0, SIZE * STEP, STEP, seed)
+                  for ends in ((0.25, 2.75), (4.0, 60.0)))
+    torque = 0.3 * base.rated_torque * (slow + fast)[:SIZE]
+    run = simulate_linear(machine, torque, STEP, None, white_noise(SIZE, 0.003 * base.rated_torque, 1))
+    signals = {}
+    for body, name in enumerate(("motor", "load")):
+        kind = kinds[body]
+        y = (run.angles if kind == "angle" else run.speeds)[:, body]
+        noise = 1e-4 if kind == "angle" else 2e-3
+        signals[f"{name}_{kind}"] = (factor if body else 1.0) * (
+            y + white_noise(SIZE, noise * np.abs(y).max(), 2 + body))
+    return replace(experiment(torque, run.speeds[:, 0]), signals={"motor_torque": torque, **signals})
+
+
+@pytest.mark.parametrize("kinds", [("speed", "speed"), ("angle", "speed"), ("speed", "angle")])
+@pytest.mark.parametrize(("factor", "code"), [
+    (1.0, None), (1.003, None), (-1.0, "wrong-sign"), (1.03, "wrong-scale"), (0.5, "wrong-scale")])
+@pytest.mark.parametrize("seed", [20, 23])
+def test_the_load_goes_as_far_as_the_motor_through_the_gear(kinds, factor, code, seed):
+    record = recorded(seed, kinds, factor)
+    (mended,), faults = preflight([record], WANTED, RATIO)
+    assert [f.code for f in faults] == [code] * bool(code)
+    role = f"load_{kinds[1]}"
+    if code is None:
+        np.testing.assert_array_equal(mended.signals[role], record.signals[role])
+        return
+    evidence = faults[0].finding.evidence
+    assert abs(evidence["factor"] - factor) < max(3.0 * evidence["std"], 1e-3 * abs(factor))
+    assert evidence["std"] < 0.006 * abs(factor)
+    np.testing.assert_allclose(mended.signals[role] * evidence["factor"], record.signals[role], rtol=1e-12)
+
+
+def test_missing_values_and_a_load_alone_are_no_fault():
+    record = recorded(20, ("speed", "speed"), 1.03)
+    holes = record.signals["load_speed"].copy()
+    holes[1000:1100] = np.nan
+    (_,), faults = preflight([replace(record, signals={**record.signals, "load_speed": holes})], WANTED, RATIO)
+    assert [f.code for f in faults] == ["wrong-scale"]
+    alone = {r: v for r, v in record.signals.items() if r != "motor_speed"}
+    assert preflight([replace(record, signals=alone)], WANTED, RATIO)[1] == []
