@@ -13,6 +13,7 @@ LOWER = {"logs": BASE, "drive": BASE, "identify": BASE | {"logs", "drive"}}
 LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["cli"] = LOWER["files"] | {"files"}
+LOWER["__main__"] = {"cli"}
 LOWER["errors"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control", "numba"},

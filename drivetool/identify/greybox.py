@@ -35,6 +35,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.uncrossed import all_uncrossed, from_below
+from drivetool.identify.unit_doubt import doubted_unit
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
@@ -67,7 +68,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
-    findings = [*left, *findings]
+    findings = [*left, *doubted_unit(drive, outcome.drive, outcome.task.free), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
     for name, low in least.items():

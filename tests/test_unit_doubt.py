@@ -1,0 +1,26 @@
+"""A channel in another unit than it is taken for shows in all inertias and stiffnesses alike."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.recover import drive_like, linear_record
+from tests.simulator.machine import machine_by_seed
+
+START = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load.idle_torque", "shaft.stiffness",
+         "shaft.damping")
+
+
+@pytest.mark.parametrize(("role", "factor", "said"), [
+    ("motor_speed", 60.0 / (2.0 * np.pi), "rpm"), ("motor_speed", 180.0 / np.pi, "degrees"),
+    ("motor_torque", 1e-3, "kNm"), ("motor_torque", 20.0, "came out at 20"), ("motor_speed", 1.2, None)])
+def test_one_factor_on_everything_is_said(role, factor, said):
+    machine = machine_by_seed(20)
+    record = linear_record(machine, 20, duration=3.0)
+    record = replace(record, signals={**record.signals, role: factor * record.signals[role]})
+    estimate = greybox([record], drive_like(machine, list(START)), Options())
+    found = [f.text for f in estimate.findings if f.code == "unit-doubted"]
+    assert len(found) == (said is not None) and all(said in text for text in found)
