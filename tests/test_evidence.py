@@ -62,9 +62,18 @@ def test_a_law_is_no_discovery_where_its_special_case_is_as_likely():
 
 @pytest.mark.parametrize(("lead", "tied"), [(300.0, True), (290.0, False)])
 def test_rivals_that_look_alike_tie_where_the_whole_record_is_as_likely(lead, tied):
-    best, one = score(300.0, 2.0 * AGREES, code="dead-time"), score(lead, 1.2 * AGREES, code="converter-lag")
-    assert ties(one, best) == tied
+    best = score(300.0, 2.0 * AGREES, code="dead-time")
+    for gains in (1.2 * AGREES, -0.1 * AGREES):  # whatever half of the record said of the other half
+        assert ties(score(lead, gains, code="converter-lag"), best) == tied
     assert not ties(score(lead, 1.2 * AGREES), best)  # others are told apart by data held out
+
+
+@pytest.mark.parametrize(("rival", "tied"), [("converter-lag", True), ("dead-time", False)])
+def test_where_noise_enters_tells_no_lag_from_a_filter(rival, tied):
+    """As little as the motion does: a lag of the torque makes that of a filter, and a dead time does not."""
+    best, one = score(300.0, 2.0 * AGREES, code="speed-filter"), score(100.0, 0.1 * AGREES, code=rival)
+    assert ties(one, best, lambda *_: True) is tied
+    assert not ties(one, best)
 
 
 def test_records_without_a_cause_are_not_found_more_often_than_the_budget_says():

@@ -106,14 +106,14 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
     """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
-    if one.gain <= SHARE * best.gain:
-        return False
     pair = frozenset((one.model.code, best.model.code))
     alike = pair in DECIDES
-    if pair == SAME_RESPONSE and imitates(one, best):
-        return True
     if alike and one.lead - one.further > best.lead - best.further - SURPLUS:
         return True
+    if pair == SAME_RESPONSE and imitates(one, best):
+        return True
+    if one.gain <= SHARE * best.gain:
+        return False
     if difference.sum() >= max(CLOSE * error, LEAST):
         return False
     if alike:
