@@ -69,6 +69,7 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     extra          (k, k) covariance that comes from held values
     """
     covariance, inflation, free = covariance_of(problem, solution)
+    covariance = covariance + _from_bounds(problem, solution, free)
     if extra is not None:
         covariance = covariance + extra
     lines, findings = {}, []
@@ -104,6 +105,20 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     matrix = covariance[np.ix_(kept, kept)]
     shared = Covariance(tuple(problem.names[j] for j in kept), matrix) if kept else None
     return tuple(lines[n] for n in order), shared, tuple(findings)
+
+
+def _from_bounds(problem: Problem, solution: Solution, free: np.ndarray) -> np.ndarray:
+    """(k, k) what it adds to the covariance of the others that a parameter on its bound may lie inside.
+
+    Of a sum that is known well the one part is as uncertain as the other.
+    """
+    matrix, _, _ = schur(solution.normal)
+    found = np.zeros_like(matrix)
+    i = np.flatnonzero(free & (np.diag(matrix) > 0.0))
+    for j in np.flatnonzero(~free):
+        gain = np.linalg.pinv(matrix[np.ix_(i, i)], rcond=1e-13, hermitian=True) @ matrix[i, j]
+        found[np.ix_(i, i)] += np.outer(gain, gain) * (_beyond_bound(problem, solution, j) / Z95) ** 2
+    return found
 
 
 def _push(problem: Problem, solution: Solution) -> np.ndarray:
