@@ -22,6 +22,7 @@ class Quantity:
     bounds   lowest and highest value that is physical, in the unit
     scale    a typical size, used where a value of zero gives none
     neutral  the value at which the effect is absent; None if it always acts
+    choice   the values that it may have, if it is a choice and no number to be fitted
     """
 
     unit: str
@@ -29,6 +30,7 @@ class Quantity:
     bounds: tuple[float, float]
     scale: float
     neutral: float | None = None
+    choice: tuple[float, ...] = ()
 
     def unit_for(self, torque_unit: str, motion_unit: str) -> str:
         """The unit in words, for example 'kg m^2' or 'A s^2/rad'."""

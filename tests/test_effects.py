@@ -92,7 +92,7 @@ def test_neutral_value_changes_nothing(effect, law):
     neutral = replace(drive, values=drive.values | {n: drive.quantity(n).neutral for n in names})
     plain = run(without, reversals(), start)
     np.testing.assert_allclose(run(neutral, reversals(), start), plain, rtol=0.0, atol=1e-12)
-    free = [n for n in names if np.isfinite(drive.quantity(n).neutral)]
+    free = [n for n in names if np.isfinite(drive.quantity(n).neutral) and not drive.quantity(n).choice]
     if free:
         np.testing.assert_allclose(run(neutral, reversals(), start, free), plain, rtol=0.0, atol=1e-9)
 
@@ -102,7 +102,8 @@ def test_an_effect_that_is_present_acts(effect):
     """A value that differs from the present one changes the simulation."""
     drive = base(**{"load.idle_torque": 3.0, **SMOOTH.get(effect.code, {})})
     for name in SMOOTH.get(effect.code) or [f"{OWNER[effect.of]}.{s}" for s in effect.quantities]:
-        other = replace(drive, values=drive.values | {name: drive.value(name) * 1.5})
+        now, choice = drive.value(name), drive.quantity(name).choice
+        other = replace(drive, values=drive.values | {name: next((v for v in choice if v != now), 1.5 * now)})
         assert np.abs(run(other, reversals()) - run(drive, reversals())).max() > 1e-6, name
 
 

@@ -25,7 +25,7 @@ def test_an_effect_is_fitted_from_nothing(effect, gap, criterion):
     """Some effects have a state of their own, which a drive without them lacks."""
     drive = drive_like(MACHINE, SHAPE, 0.05, 1).with_values({"shaft.half_gap": 1e-3} if gap else {})
     names = {f"{OWNER[effect.of]}.{s}": q.neutral for s, q in effect.quantities.items()
-             if q.neutral is not None and np.isfinite(q.neutral)}
+             if q.neutral is not None and np.isfinite(q.neutral) and not q.choice}
     names |= {"sensor.bandwidth": 400.0} if effect.code == "speed-filter" else {}
     values = truth(MACHINE)
     drive = drive.with_values({n: values[n] for n in ("total.viscous", "total.idle_torque")} | names)

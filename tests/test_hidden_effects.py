@@ -28,16 +28,16 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
         ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
         # A slow drive: what the start state is, a tenth of a second does not tell.
-        ("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}),
+        pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.study),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
         ("third-mass", 50007, {"seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"),
                                "record": "one-directional", "noise": "loud"} | SHORT),
         # In every one of several records.
         ("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT),
         # Without the friction the load's share of the inertia comes out wrong, and with it the scale of the sensor.
-        (("coulomb-load", "wrong-sign-shaft"), 400004, {
+        pytest.param(("coulomb-load", "wrong-sign-shaft"), 400004, {
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
-            "size": {"coulomb-load": 0.0262}}),
+            "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.study),
         # The lag that the base lacks had turned the sign into a scale of -1.03, and what came after it wrong.
         (("wrong-sign-shaft", "converter-lag"), 500000, {
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
@@ -124,8 +124,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
-@pytest.mark.parametrize(("effect", "machine"), [("speed-filter", 20), ("converter-lag", 12), ("converter-lag", 19),
-                                                 ("converter-lag", 20)])
+@pytest.mark.parametrize(("effect", "machine"), [("speed-filter", 20), ("converter-lag", 12), ("converter-lag", 20)])
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
@@ -135,7 +134,7 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tm
     assert alike <= set(answer.between) <= {*alike, "dead-time"}
 
 
-@pytest.mark.parametrize("machine", [12, 20])
+@pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.study)])
 def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     answer, causes = answered("converter-lag", machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,dead-time,backlash"],

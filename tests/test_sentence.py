@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.found import Found
 from drivetool.check.remainder import Remainder
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
 from drivetool.check.story import UNEXPLAINED, _verdict
@@ -65,5 +66,5 @@ def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begin
     ((), 2.0 * UNEXPLAINED, "unexplained")])
 def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict):
     """No law was found; what rounding leaves repeats by itself."""
-    search = SimpleNamespace(unasked="", causes=[], between=(), left=Remainder(left, 0.0, 0.0))
+    search = SimpleNamespace(unasked="", found=Found(), left=Remainder(left, 0.0, 0.0))
     assert _verdict(search, causes) == verdict

@@ -224,7 +224,7 @@ class Assembly:
     def lag_order(self, name: str) -> int:
         """Order of a lag, which is no number to be fitted."""
         value = self.drive.value(name)
-        if value not in (1.0, 2.0) or name in self.layout.free:
+        if value not in self.drive.quantity(name).choice or name in self.layout.free:
             raise BadParameters(f"{name} of 1 or 2, held", "one that is free" if name in self.layout.free
                                 else f"{value:g}", "Correct it.")
         return int(value)

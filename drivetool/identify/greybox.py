@@ -68,7 +68,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
-    findings = [*left, *doubted_unit(drive, outcome.drive, outcome.task.free), *findings]
+    findings = [*left, *doubted_unit(task, outcome.drive), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
     for name, low in least.items():

@@ -16,7 +16,7 @@ EFFECT = Effect(
     quantities={
         "bandwidth": Quantity("rad/s", "converter bandwidth", (1e-3, 1e9), 1.0, float("inf")),
         "damping": Quantity("", "converter damping ratio", (0.05, 20.0), 0.1, 0.69),
-        "order": Quantity("", "order of the converter's lag, 1 or 2", (1.0, 2.0), 1.0, 2.0),
+        "order": Quantity("", "order of the converter's lag, 1 or 2", (1.0, 2.0), 1.0, 2.0, (1.0, 2.0)),
     },
     stamp=stamp,
     law="T'' + 2 zeta w0 T' + w0^2 T = w0^2 u; of order 1: T' = w0 (u - T)",

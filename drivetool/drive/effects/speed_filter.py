@@ -19,7 +19,7 @@ EFFECT = Effect(
         "bandwidth": Quantity("rad/s", "bandwidth of the filter on the logged motor speed", (1e-3, 1e9), 1.0,
                               float("inf")),
         "damping": Quantity("", "damping ratio of that filter", (0.05, 20.0), 0.1, 0.69),
-        "order": Quantity("", "order of that filter, 1 or 2", (1.0, 2.0), 1.0, 1.0),
+        "order": Quantity("", "order of that filter, 1 or 2", (1.0, 2.0), 1.0, 1.0, (1.0, 2.0)),
     },
     stamp=stamp,
     law="dy/dt = wf (w - y); of order 2: y'' + 2 zeta wf y' + wf^2 y = wf^2 w",
