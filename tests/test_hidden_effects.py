@@ -124,7 +124,8 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
-@pytest.mark.parametrize(("effect", "machine"), [("speed-filter", 20), ("converter-lag", 12), ("converter-lag", 20)])
+@pytest.mark.parametrize(("effect", "machine"), [
+    ("speed-filter", 20), ("converter-lag", 12), ("converter-lag", 20)])
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
