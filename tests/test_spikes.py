@@ -73,3 +73,4 @@ def test_what_a_model_finds_impossible_is_left_out_and_what_went_on_is_not(seed)
     assert left_out(seed, spikes={1000: 7.5, 2500: -8.0}) == [1000, 2500]
     assert left_out(seed, kicks={1000: 7.5, 2500: -8.0}) == []
     assert left_out(seed) == []
+    assert left_out(seed, spikes={1: 9.0}) == []  # what acted before the record is not known

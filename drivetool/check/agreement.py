@@ -31,15 +31,19 @@ def _over(signals: Mapping[str, np.ndarray], one: str, other: str, step: float,
     good = np.isfinite(x) & np.isfinite(y)
     if good.sum() < FEW:
         return np.nan, np.inf
-    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
+    return _slope(x[good] - x[good].mean(), y[good] - y[good].mean(), int(good.sum()))
+
+
+def _slope(x: np.ndarray, y: np.ndarray, independent: int) -> tuple[float, float]:
+    """(slope of y over x, its standard error); independent: values that what is left over counts for."""
     size = float(x @ x)
-    if size <= 0.0:
+    if not size > 0.0 or not np.all(np.isfinite(y)):
         return np.nan, np.inf
     factor = float(x @ y / size)
-    left = y - factor * x
-    if abs(factor) * np.sqrt(size) <= PLAIN * np.linalg.norm(left):
+    left = float(np.linalg.norm(y - factor * x))
+    if abs(factor) * np.sqrt(size) <= PLAIN * left:
         return np.nan, np.inf
-    return factor, float(np.sqrt(np.mean(left**2) / size))
+    return factor, left / np.sqrt(size * independent)
 
 
 def _rates(y: np.ndarray, role: str, step: float, length: int) -> np.ndarray:
@@ -69,15 +73,7 @@ def travelled(signals: Mapping[str, np.ndarray], one: str, other: str, step: flo
         known = known / np.maximum(np.linalg.norm(known, axis=0), 1e-300)
         pair = np.column_stack([x, y])[1:-1]
         rows.append(pair - known @ np.linalg.lstsq(known, pair, rcond=None)[0])
-    x, y = np.concatenate(rows).T if rows else np.empty((2, 0))
-    size = float(x @ x)
-    if not size > 0.0 or not np.all(np.isfinite(y)):
-        return np.nan, np.inf
-    factor = float(x @ y / size)
-    left = float(np.linalg.norm(y - factor * x))
-    if abs(factor) * np.sqrt(size) <= PLAIN * left:
-        return np.nan, np.inf
-    return factor, left / np.sqrt(size * BLOCKS)
+    return _slope(*(np.concatenate(rows).T if rows else np.empty((2, 0))), BLOCKS)
 
 
 def _way(y: np.ndarray, role: str, step: float) -> np.ndarray:
