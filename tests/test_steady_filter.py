@@ -7,12 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.scan import _step_shape, disturbance_response, load_steps, steady_filter
+from drivetool.check.diagnose import base_model
+from drivetool.check.scan import _step_shape, disturbance_response, likely_orders, load_steps, steady_filter
+from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
-from tests.recover import one_sensor
+from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
+from tests.simulator.effects import Effects
+from tests.simulator.experiments import multisine
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import machine_by_seed
+from tests.simulator.records import white_noise
 
 AT = 2500
+FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness", "shaft.damping")
 
 
 def base_with(second):
@@ -82,3 +90,20 @@ def test_a_load_step_is_looked_for_beside_an_imbalance():
                       point=replace(base.point, starts=tuple(np.append(s, 0.0) for s in base.point.starts)))
     instant = load_steps(turning)[0][0]
     assert instant == pytest.approx(trace.origin + AT * trace.step, abs=0.02)
+
+
+def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
+    machine, size = machine_by_seed(20), 6000
+    torque = 0.3 * machine.rated_torque * np.sin(2.0 * np.pi * 0.5 * STEP * np.arange(size))
+    torque += multisine(np.linspace(0.1, 1.5, 12) * resonance(machine), 0.05 * machine.rated_torque, size * STEP,
+                        STEP, 20)[:size]
+    plain = simulate_fast(machine, torque, STEP)
+    order = 2.0 * np.pi * 0.34 / STEP / np.quantile(np.abs(plain.speeds[:, 0]), 0.9)
+    rippled = replace(machine, effects=Effects(ripple=(0.02 * machine.rated_torque, float(order), 0.4)))
+    speed = simulate_fast(rippled, torque, STEP, None, None,
+                          white_noise(size, 1e-3 * machine.rated_torque, 1)).speeds[:, 0]
+    record = experiment(torque, speed + white_noise(size, 1e-4 * np.abs(speed).max(), 2))
+    drive = drive_like(machine, list(FREE))
+    base = base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
+    way = np.ptp(np.cumsum(speed) * STEP)
+    assert abs(likely_orders(base)[0] - order) < 2.0 * np.pi / way
