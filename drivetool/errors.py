@@ -37,7 +37,11 @@ class BadParameters(DriveToolError):
 
 
 class BadOption(DriveToolError):
-    """Options that do not fit together, or are out of range."""
+    """Options that do not fit together, or are out of range: wrong usage."""
+
+
+class CannotWrite(DriveToolError):
+    """A result that the disk does not take, whatever the options."""
 
 
 class NotEnoughData(DriveToolError):

@@ -63,7 +63,7 @@ def test_every_command_passes_the_steps_on(folder, call, monkeypatch, command):
 def test_a_step_that_is_none_is_refused_before_anything_is_read(folder, call, command):
     words = [word.replace("despike", "smooth") for word in words_for(command)]
     code, out, err = call(*words)
-    assert code == 1 and out == "" and err.count("\n") == 1 and "smooth" in err and "despike" in err
+    assert code == 2 and out == "" and err.count("\n") == 1 and "smooth" in err and "despike" in err
 
 
 @pytest.mark.parametrize("command", ["spectra", "compare", "validate"])

@@ -140,16 +140,16 @@ def test_the_base_is_refused_or_doubted(folder, asked, call):
 
 
 @pytest.mark.parametrize("words, code, message", [
-    (["--holdout", "a.parquet"], 1, "a.parquet, itself"),
-    (["--holdout", "copy.parquet"], 1, "the same recording as a.parquet"),
+    (["--holdout", "a.parquet"], 2, "a.parquet, itself"),
+    (["--holdout", "copy.parquet"], 2, "the same recording as a.parquet"),
     (["--holdout", "none.parquet"], 1, "no file none.parquet"),
-    (["--candidates", "baklash"], 1, "Did you mean 'backlash'?"),
-    (["--candidates", ","], 1, "at least one cause"),
+    (["--candidates", "baklash"], 2, "Did you mean 'backlash'?"),
+    (["--candidates", ","], 2, "at least one cause"),
     (["--error-budget", "2"], 2, "--error-budget"),
-    (["--report", "none/r.html"], 1, "no folder none"),
-    (["--report", "a.parquet"], 1, "inputs are never changed"),
-    (["--report", "x.html", "--out", "./x.html"], 1, "two files for --out and --report"),
-    (["--out", "copy.parquet", "--holdout", "copy.parquet"], 1, "inputs are never changed"),
+    (["--report", "none/r.html"], 2, "no folder none"),
+    (["--report", "a.parquet"], 2, "inputs are never changed"),
+    (["--report", "x.html", "--out", "./x.html"], 2, "two files for --out and --report"),
+    (["--out", "copy.parquet", "--holdout", "copy.parquet"], 2, "inputs are never changed"),
 ])
 def test_wrong_words_write_nothing(folder, asked, call, words, code, message):
     Path("copy.parquet").write_bytes(Path("a.parquet").read_bytes())
@@ -163,7 +163,7 @@ def test_a_catalogue_restricted_to_nothing(folder, asked, call):
     Path("one.yaml").write_text(FITTED.replace("SHA", "ab").replace("parameters:\n", (
         "drive: {name: one-body}\nparameters:\n"), 1).replace("  load", "  #").replace("  shaft", "  #"))
     code, _, err = call("diagnose", "a.parquet", "-p", "one.yaml", "--candidates", "backlash,third-mass")
-    assert code == 1 and "backlash, third-mass, which the one-body drive cannot have" in err
+    assert code == 2 and "backlash, third-mass, which the one-body drive cannot have" in err
     assert call("diagnose", "a.parquet", "-p", "one.yaml", "--candidates", "backlash,dead-time")[0] == 0
     assert asked.options.candidates == ("dead-time",)
 

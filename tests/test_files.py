@@ -15,7 +15,7 @@ from rich.console import Console
 
 from drivetool.check.validation import RecordCheck, Validation
 from drivetool.drive.chain import two_mass
-from drivetool.errors import BadOption, Finding
+from drivetool.errors import BadOption, CannotWrite, Finding
 from drivetool.files import plots, schema, tables, write
 from drivetool.files.parameter_file import load_parameters, load_result
 from drivetool.files.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
@@ -187,7 +187,7 @@ def test_files_are_written_whole(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(BadOption, match="No space left"):
+    with pytest.raises(CannotWrite, match="No space left"):
         write.write_whole(target, "new")
     monkeypatch.undo()
     assert target.read_text() == "old" and os.listdir(tmp_path) == ["x.yaml"]

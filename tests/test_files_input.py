@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given
 
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.errors import BadOption, BadParameters
+from drivetool.errors import BadParameters
 from drivetool.files import units
 from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.parameter_file import load_parameters
@@ -182,7 +182,7 @@ def test_channel_map(tmp_path):
     path.write_text("schema: drivetool/channel-map/1\nroles: {motor_torque: {channel: T, unit: Nm}}\n")
     assert load_channel_map(path).roles["motor_torque"].channel == "T"
     path.write_text("")
-    with pytest.raises(BadOption, match=r"map\.yaml empty"):
+    with pytest.raises(BadParameters, match=r"map\.yaml empty"):
         load_channel_map(path)
-    with pytest.raises(BadOption, match="No such file"):
+    with pytest.raises(BadParameters, match="No such file"):
         load_channel_map(tmp_path / "none.yaml")

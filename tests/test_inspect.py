@@ -266,4 +266,4 @@ def test_convert_refuses(tmp_path, call):
     for words, message in ((["-o", "b.csv"], "ends in .parquet"), (["-o", "a.parquet"], "inputs are never changed"),
                            (["-o", "none/b.parquet"], "no folder none")):
         code, out, err = call("convert", "a.parquet", *words)
-        assert code == 1 and out == "" and message in err and err.count("\n") == 1
+        assert code == 2 and out == "" and message in err and err.count("\n") == 1

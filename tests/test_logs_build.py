@@ -235,3 +235,20 @@ def test_map_formula():
     found = build_experiment(recording(motor_torque=wave()), ChannelMap.from_mapping(content))
     np.testing.assert_allclose(found.signals["motor_torque"], -(4 * wave() + 8) * 1e-3, rtol=1e-15)
     assert found.torque_is == "measurement"
+
+
+@pytest.mark.parametrize("size", [0.2, 0.3])
+def test_late_stamps_are_no_lost_samples(size):
+    n = 2000
+    time = np.sort((np.arange(n) + size * np.random.default_rng(3).standard_normal(n)) * STEP)
+    found = build_experiment(one_clock(time, motor_speed=np.sin(2 * np.pi * 3 * time)))
+    assert found.step == pytest.approx(STEP, rel=1e-4) and codes(found) == ["resampled"]
+
+
+def test_samples_lost_under_jitter_are_counted():
+    n = 2000
+    lost = [400, 1100, 1101, 1500]
+    time = np.delete((np.arange(n) + 0.008 * np.random.default_rng(3).standard_normal(n)) * STEP, lost)
+    found = build_experiment(one_clock(time, motor_speed=np.sin(2 * np.pi * 3 * time)))
+    assert found.step == pytest.approx(STEP, rel=1e-4)
+    assert next(f for f in found.findings if f.code == "lost-samples").evidence["samples"] == len(lost)

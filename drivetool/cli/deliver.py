@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from drivetool.logs.experiment import Experiment
 
     Written = ParameterFile | ValidationFile | GainsFile
+
+WIDE = 160  # columns of a table that nobody sees on a terminal
 
 
 def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool = False) -> int:
@@ -56,7 +59,9 @@ def print_table(file: Written, per_unit: bool = False) -> None:
     from drivetool.files import tables
 
     console = Console(highlight=False)
-    console.width = max(80, console.width)  # narrower, and numbers would be cut
+    # Narrower, and numbers would be cut; a pipe or a file has no width to keep to.
+    free = not console.is_terminal and "COLUMNS" not in os.environ
+    console.width = WIDE if free else max(80, console.width)
     if hasattr(file, "channels"):
         from drivetool.files.inspection import print_inspection
 

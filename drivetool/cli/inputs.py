@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from drivetool.errors import BadOption, BadRecording
+from drivetool.errors import BadOption, BadParameters, BadRecording
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -85,7 +86,22 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
     elif job.drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
-    return drive.with_values(dict(start_value(word, drive) for word in job.set))
+    return as_set(drive, job.set)
+
+
+def as_set(drive: Drive, words: Sequence[str]) -> Drive:
+    """The drive with the values of --set."""
+    with as_usage():
+        return drive.with_values(dict(start_value(word, drive) for word in words))
+
+
+@contextlib.contextmanager
+def as_usage() -> Iterator[None]:
+    """What is wrong with a name or a value is wrong usage where an option brought it."""
+    try:
+        yield
+    except BadParameters as error:
+        raise BadOption(error.wanted, error.found, error.do, error.available) from None
 
 
 def noted(job: Job, options: Mapping[str, object]) -> dict[str, object]:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 import typer
 
 from drivetool.cli.bar import progress_bar
-from drivetool.errors import DriveToolError, Severity
+from drivetool.errors import BadOption, DriveToolError, Severity
 
-DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130  # USAGE is raised by typer itself
+DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 def exit_code(severities: Iterable[Severity], passed: bool = True, strict: bool = False) -> int:
@@ -43,6 +43,7 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
             sys.stdout.flush()
         except DriveToolError as error:
             code = _failed(command, f"error: {error}", debug)
+            code = USAGE if isinstance(error, BadOption) else code
         except KeyboardInterrupt:
             say(command, "interrupted")
             code = INTERRUPTED

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
+from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import DriveToolError
 
@@ -76,9 +76,10 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
 
     opened = open_all(job)
     drive = drive_for(job, opened)
-    for name in (*options.hold, *options.free):
-        if name != "all":
-            drive.quantity(name)
+    with as_usage():
+        for name in (*options.hold, *options.free):
+            if name != "all":
+                drive.quantity(name)
     options = replace(options, known=opened.loaded.covariance(drive))
     try:
         estimate = estimator(opened.experiments, drive, options)

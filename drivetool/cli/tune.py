@@ -86,7 +86,7 @@ def command(
 def run(job: Job, words: dict[str, object]) -> int:
     """Read, design, deliver; the exit code."""
     from drivetool.cli.deliver import deliver
-    from drivetool.cli.inputs import inputs_stay, start_value
+    from drivetool.cli.inputs import as_set, inputs_stay
     from drivetool.files.gains_file import gains_file
     from drivetool.files.parameter_file import load_parameters
     from drivetool.files.write import check_target
@@ -97,7 +97,7 @@ def run(job: Job, words: dict[str, object]) -> int:
         check_target(job.out)
     loaded = load_parameters(job.params)
     drive = loaded.drive()
-    drive = drive.with_values(dict(start_value(word, drive) for word in job.set))
+    drive = as_set(drive, job.set)
     drive = _with_converter(drive, words["converter"])
     gains = tune(drive, _options(job, words, drive, loaded), draw_pictures=bool(job.plot))
     return deliver(job, gains_file(gains, loaded.inputs, words), gains.exhibits, bool(words["per_unit"]))

@@ -34,7 +34,8 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     for line in fit_lines(file.fit):
         console.print(Text(f"  {line}"))
     if file.starts is not None and file.starts.tried > 1:
-        console.print(Text(f"  {file.starts.agreed} of {file.starts.tried} starts ended at these values"))
+        count = file.starts.agreed or "none"
+        console.print(Text(f"  {count} of {file.starts.tried} starts ended at these values"))
 
 
 def print_validation(file: shapes.ValidationFile, console: Console) -> None:

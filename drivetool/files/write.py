@@ -7,7 +7,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from drivetool.errors import BadOption
+from drivetool.errors import BadOption, CannotWrite
 
 
 def check_target(path: str | Path) -> Path:
@@ -33,7 +33,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
     path     target; replaced if it exists
     content  text (written as UTF-8 with \\n) or bytes
-    raises   BadOption: see `check_target`; or the disk is full
+    raises   BadOption: see `check_target`; CannotWrite: the disk is full
     """
     path = check_target(path)
     folder = path.parent
@@ -53,8 +53,8 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
         if isinstance(error, OSError):
-            raise BadOption(f"to write {path}", error.strerror or str(error),
-                            "Check the rights and the free space, or give another path.") from error
+            raise CannotWrite(f"to write {path}", error.strerror or str(error),
+                              "Check the rights and the free space, or give another path.") from error
         raise
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
+from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, fit_percent
 from drivetool.identify.engine import (
     SEGMENT,
@@ -35,7 +36,6 @@ from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.uncrossed import all_uncrossed, from_below
-from drivetool.identify.unit_doubt import doubted_unit
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
@@ -68,7 +68,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
-    findings = [*left, *doubted_unit(task, outcome.drive), *findings]
+    findings = [*left, *doubted_channels(task, outcome.drive), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
     for name, low in least.items():

@@ -100,7 +100,8 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
             raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}",
                                 f"{total}, since the torque has no value at {missing} of {len(usable)}",
                                 "Check the recorder; the model cannot run without the torque.")
-        raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}", f"{total}",
+        raise NotEnoughData(f"at least {MIN_SAMPLES} samples without a gap in {log}",
+                            f"{len(usable)}, of which {total} are in stretches of {MIN_SEGMENT} or more",
                             "Record longer or at a higher rate.")
     findings = []
     if missing:

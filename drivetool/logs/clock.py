@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,8 @@ BRIDGE_STEPS = 3.0
 GAP_STEPS = BRIDGE_STEPS + 0.5
 # Time stamps within this share of a step count as uniform: a logger's own jitter.
 JITTER = 0.05
+# A step found this near to the median one is the same; jitter bends the median by a few per cent.
+LIKE_STEP = 0.1
 # Seconds and steps beyond these are damage; larger ones would overflow in what follows.
 FAR, MOST_STEPS = 1e15, 1e12
 # A sample that several writers brought out of order is at most so many places away from its own.
@@ -124,14 +127,17 @@ def fit_grid(time: np.ndarray) -> Grid:
 
     A sample's place is counted from the sample before it, so a clock that drifts slowly stays on
     the grid. Uniform means: every interval within JITTER of whole steps, or every stamp within
-    JITTER of the straight line through its stretch. The step is the slope of that line, rounded to
-    nine digits so that stamps stored as floats and as whole nanoseconds agree.
+    JITTER of the straight line through its stretch. A stamp may be so late that it looks like the
+    sample after it: where stamps lie nearer to a line without any sample lost, none was. The step is
+    the slope of that line, rounded to nine digits so that stamps stored as floats and as whole
+    nanoseconds agree.
     """
     intervals = np.minimum(np.diff(time) / median_step(time), MOST_STEPS)
     whole = np.maximum(1, np.round(intervals)).astype(np.int64)
-    index = np.concatenate([[0], np.cumsum(whole)])
     is_gap = intervals > GAP_STEPS
     gaps = np.flatnonzero(is_gap)
+    whole = _unlost(time, whole, gaps)
+    index = np.concatenate([[0], np.cumsum(whole)])
     stretches = [(t - t.mean(), i - i.mean()) for t, i in zip(
         np.split(time, gaps + 1), np.split(index.astype(float), gaps + 1), strict=True)]
     # Only samples that are alone in their stretch: no line, and no step but the median.
@@ -143,3 +149,26 @@ def fit_grid(time: np.ndarray) -> Grid:
     jitter = min(from_whole, from_line)
     lost = int(np.sum(whole[~is_gap] - 1))
     return Grid(float(time[0]), step, index, jitter < JITTER, gaps, lost, jitter)
+
+
+def _unlost(time: np.ndarray, whole: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """(n - 1,) steps between the stamps (n,), one each in stretches that lie nearer to a line that way."""
+    whole, usual = whole.copy(), median_step(time)
+    edges = [0, *(gaps + 1).tolist(), len(time)]
+    for a, b in pairwise(edges):
+        inside = slice(a, b - 1)
+        if b - a > 2 and np.any(whole[inside] > 1):
+            step, off = _line(time[a:b], np.arange(b - a))
+            counted = np.concatenate([[0], np.cumsum(whole[inside])])
+            # Every second sample lost is a line as well, of another step.
+            if abs(step / usual - 1.0) < LIKE_STEP and off < _line(time[a:b], counted)[1]:
+                whole[inside] = 1
+    return whole
+
+
+def _line(time: np.ndarray, index: np.ndarray) -> tuple[float, float]:
+    """Step of the line through stamps (n,) at places (n,) [s]; rms distance from it, in steps."""
+    i = index - index.mean()
+    t = time - time.mean()
+    step = float(t @ i) / float(i @ i)
+    return step, float(np.sqrt(np.mean((t / step - i) ** 2)))

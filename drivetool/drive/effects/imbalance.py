@@ -19,7 +19,7 @@ EFFECT = Effect(
         "imbalance_cosine": Quantity("{T}", "imbalance, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
     },
     stamp=stamp,
-    law="T = a sin(angle) + b cos(angle) of the body",
+    law="T = a sin(angle) + b cos(angle) of the body, added to the torque that drives it",
     needs="several turns of the load; from the motor alone it is the same as a ripple of first order",
     source="Genta 2005, Dynamics of Rotating Systems",
     present=("imbalance_sine", "imbalance_cosine"),

@@ -33,7 +33,7 @@ EFFECT = Effect(
         "ripple_order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
     },
     stamp=stamp,
-    law="T = a sin(n angle) + b cos(n angle)",
+    law="T = a sin(n angle) + b cos(n angle), added to the torque that drives the body",
     needs="motion over many periods of the ripple, slow enough to sample it",
     source="Jahns, Soong 1996, IEEE Trans. Ind. Electron. 43(2)",
     present=("ripple_sine", "ripple_cosine"),

@@ -24,3 +24,17 @@ def test_one_factor_on_everything_is_said(role, factor, said):
     estimate = greybox([record], drive_like(machine, list(START)), Options())
     found = [f.text for f in estimate.findings if f.code == "unit-doubted"]
     assert len(found) == (said is not None) and all(said in text for text in found)
+
+
+def doubts(machine, signals, record):
+    record = replace(record, signals={**record.signals, **signals})
+    estimate = greybox([record], drive_like(machine, list(START)), Options())
+    return {f.code for f in estimate.findings} & {"unit-doubted", "sign-doubted"}
+
+
+@pytest.mark.parametrize("seed", [20, 23])
+def test_a_torque_upside_down_is_said(seed):
+    machine = machine_by_seed(seed)
+    record = linear_record(machine, seed, duration=3.0)
+    assert doubts(machine, {"motor_torque": -record.signals["motor_torque"]}, record) == {"sign-doubted"}
+    assert doubts(machine, {}, record) == set()

@@ -1,4 +1,8 @@
-"""A unit that is wrong throughout: all inertias and stiffnesses come out off by one factor."""
+"""Channels that are not what they are taken for, as the drive itself shows.
+
+A unit that is wrong throughout puts all inertias and stiffnesses off by one factor, a torque upside down makes
+the sum of the inertias negative, and with channels exchanged everything is off by orders of magnitude.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,8 @@ from drivetool.identify.task import Task
 FAR = 3.0  # by which start values are never off all together
 ALIKE = 1.8  # between the factors of two parameters, which start values may be off by
 NEAR = 1.4  # to a factor of a unit
+ABSURD = 10.0  # by which no start value of a drive that somebody knows is off
+SURE = 0.1  # relative std of a negative inertia that is believed
 SIZES = (".inertia", ".stiffness")
 # What was logged over what it was taken for.
 UNITS = (
@@ -20,13 +26,20 @@ UNITS = (
     (1000.0, "a motion in mm taken for m, or a torque in kNm for Nm"), (1e-3, "a torque in mNm taken for Nm"))
 
 
-def doubted_unit(start: Task, after: Drive) -> list[Finding]:
-    """What to say where the drive is heavier or lighter than it was said to be by a large factor.
+def doubted_channels(start: Task, after: Drive) -> list[Finding]:
+    """What to say where the drive has a negative inertia, or one off its start by a large factor.
 
     start  the task with its start values; after: the fitted drive, which counts where the record itself does not
            tell the sum of the inertias
     """
-    factor = _of_record(start) or _of_fit(start, after)
+    told = _of_record(start)
+    if told is not None and told < 0.0:
+        return [Finding(
+            "warning", "sign-doubted",
+            "By its records the drive slows down under the torque that should drive it: torque and motion count "
+            "in opposite directions.",
+            {"factor": told}, "Turn one of them round in the channel map, with sign: -1.")]
+    factor = told or _of_fit(start, after)
     if factor is None or 1.0 / FAR < factor < FAR:
         return []
     known = [text for size, text in UNITS if 1.0 / NEAR < factor * size < NEAR]
@@ -38,17 +51,30 @@ def doubted_unit(start: Task, after: Drive) -> list[Finding]:
 
 
 def _of_record(start: Task) -> float | None:
-    """Sum of the inertias by the slow motion over that of the start; None where it is not told."""
+    """Sum of the inertias by the slow motion over that of the start; None where it is not told.
+
+    A negative one has to be clear, and as large as an inertia is: closed loops bend what is small.
+    """
     found = totals(start)
     value, std = found["inertia"] if found else (0.0, np.inf)
     given = sum(start.drive.value(f"{b}.inertia") or 0.0 for b in start.drive.bodies)
-    return value / given if std < KNOWN * value and given > 0.0 else None
+    if given <= 0.0 or (value < 0.0 and value * FAR > -given):
+        return None
+    return value / given if std < (KNOWN * value if value > 0.0 else -SURE * value) else None
 
 
 def _of_fit(start: Task, after: Drive) -> float | None:
-    """Common factor of all fitted inertias and stiffnesses; None where they left their starts by several."""
+    """Common factor of all fitted inertias and stiffnesses; None where they left their starts by several.
+
+    Where all are absurd, the least absurd of their factors.
+    """
     before = start.drive
     ratios = np.array([after.value(n) / before.value(n) for n in start.free
                        if n.endswith(SIZES) and (before.value(n) or 0.0) > 0.0 and (after.value(n) or 0.0) > 0.0])
-    alike = len(ratios) > 1 and ratios.max() < ALIKE * ratios.min()
-    return float(np.exp(np.mean(np.log(ratios)))) if alike else None
+    if len(ratios) < 2:
+        return None
+    if ratios.max() < ALIKE * ratios.min():
+        return float(np.exp(np.mean(np.log(ratios))))
+    if ratios.min() > ABSURD:
+        return float(ratios.min())
+    return float(ratios.max()) if ratios.max() < 1.0 / ABSURD else None
