@@ -271,3 +271,23 @@ def test_states_and_response_of_a_torque_path_of_first_order(dead_time):
     a, b, c, d = torque_path(drive, wiring)
     states = np.array([c @ np.linalg.solve(x * np.eye(len(a)) - a, b) + d for x in s])
     np.testing.assert_allclose(states, path_response(drive, wiring, s), rtol=2e-4)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 5, 6, 8, 9])
+def test_first_peak_of_the_motor_whose_response_starts_flat(seed):
+    """Its slope at the start is zero but for rounding; against a dense grid of the response."""
+    rng = np.random.default_rng(seed)
+    motor = 10.0 ** rng.uniform(-4, 2)
+    load, w = motor * 10.0 ** rng.uniform(-0.7, 0.9), 2 * np.pi * 10.0 ** rng.uniform(0.5, 2)
+    stiffness = w**2 * motor * load / (motor + load)
+    drive = two_mass_plant("heavy").with_values({
+        "motor.inertia": motor, "load.inertia": load, "shaft.stiffness": stiffness,
+        "shaft.damping": 0.02 * stiffness / w, "motor.viscous": 0.05 * motor, "load.viscous": 0.05 * load,
+        "converter.bandwidth": 10.0 ** rng.uniform(2.3, 3.5), "converter.dead_time": 10.0 ** rng.uniform(-4, -2.7)})
+    loop, at = build(drive, Wiring(speed_filter=rng.choice([0, 1e-3]))), Settings((motor + load) * w / 10, 20 / w)
+    speed = signals(loop, at, ("motor_speed",))["motor_speed"]
+    assert speed.stable
+    seen = -speed.at(np.arange(0.0, 100 / w, 2e-3 / w))
+    turned = np.flatnonzero(seen < -1e-6 * seen.max())
+    first = seen[:turned[0]].max() if len(turned) else seen.max()
+    assert factors(loop, at).motor.peak == pytest.approx(first, rel=1e-3)

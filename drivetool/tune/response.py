@@ -16,6 +16,7 @@ from numba import njit
 COMPILE = {"cache": True, "error_model": "numpy"}
 MOST = 4096  # extrema kept
 BLOCK, BLOCKS = 12, 40000  # steps of one length, and how often that length is chosen anew
+ROUNDING = 1e-10  # of a sum whose terms cancel, as a share of them
 DEAD = 1e-10  # share of the first integral below which what is left to come is dropped
 
 
@@ -96,6 +97,7 @@ def extrema(rates, weights, times, values):
         size += abs(weights[i] / rates[i])
     t, n = 0.0, 0
     g = value(rates, slope, 1e-12 / max(np.max(np.abs(rates)), 1e-300))
+    flat = ROUNDING * np.sum(np.abs(slope))
     now, ratio = np.empty_like(rates), np.empty_like(rates)
     for _ in range(BLOCKS):
         total = 0.0
@@ -111,7 +113,8 @@ def extrema(rates, weights, times, values):
             for i in range(rates.size):
                 now[i] *= ratio[i]
                 ahead += now[i].real
-            if (ahead > 0.0) != (g > 0.0):
+            # A signal that starts flat has no direction until its slope stands out from rounding.
+            if (ahead > 0.0) != (g > 0.0) and not (n == 0 and abs(g) < flat):
                 s = bisect(rates, slope, t + k * h, t + (k + 1) * h, g, 0.0)
                 times[n], values[n] = s, value(rates, weights, s)
                 n += 1
