@@ -32,6 +32,7 @@ from drivetool.check.hypothesis import (
 from drivetool.check.imitation import imitates
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
 from drivetool.check.needless import NESTED, renamed, spared, without_them
+from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
 from drivetool.check.samples import fitted_samples
@@ -288,7 +289,9 @@ class Search:
         added = [n for n in best.model.task.free if n not in self.model.task.free]
         self.found.take(best.model.code, decision, added, best.gain)
         self.ends = {}  # they lack what is adopted now
-        self.model = returned(at_rest(best.model, self.masks), self.begun, self.masks)
+        rested = returned(at_rest(best.model, self.masks), self.begun, self.masks)
+        # Across a gap, say, friction of the motor and of the load are no longer the same.
+        self.model = with_parts(rested, self.masks)
         self.trained = best.trained
 
     def leave_out(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> None:
