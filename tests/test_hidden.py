@@ -20,7 +20,9 @@ from tests.simulator.fast import simulate_fast
 from tests.simulator.simulate import simulate_linear
 
 SHORT = {"duration": 3.0}
-GROWING = sorted(set(KINDS) - {"wrong-sign", "wrong-sign-shaft", "torque-offset"})
+SLOW = {"stribeck-load"}
+GROWING = [pytest.param(code, marks=pytest.mark.study) if code in SLOW else code
+           for code in sorted(set(KINDS) - {"wrong-sign", "wrong-sign-shaft", "torque-offset"})]
 
 
 # Machines and experiments

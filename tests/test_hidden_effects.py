@@ -39,9 +39,9 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
             "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.study),
         # The lag that the base lacks had turned the sign into a scale of -1.03, and what came after it wrong.
-        (("wrong-sign-shaft", "converter-lag"), 500000, {
+        pytest.param(("wrong-sign-shaft", "converter-lag"), 500000, {
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
-            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}),
+            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.study),
         # Most of what a loud motor speed does not show is in the shaft torque.
         ("torque-ripple", 52001, {"seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud",
                                   "linear": False}),
