@@ -199,6 +199,33 @@ def test_files_are_written_whole(tmp_path, monkeypatch):
         write.write_whole(tmp_path, "")
 
 
+def test_what_a_link_points_to_is_written_and_a_pipe_is_fed(tmp_path):
+    target, link, pipe = tmp_path / "there" / "x.yaml", tmp_path / "link.yaml", tmp_path / "pipe"
+    target.parent.mkdir()
+    target.write_text("old")
+    link.symlink_to(target)
+    write.write_whole(link, "new")
+    assert link.is_symlink() and target.read_text() == "new"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write.write_whole(pipe, "fed")
+    assert os.read(reader, 9) == b"fed" and pipe.is_fifo()
+    os.close(reader)
+    if hasattr(os, "mkfifo") and Path("/dev/null").is_char_device():
+        write.write_whole("/dev/null", "gone")
+        assert Path("/dev/null").is_char_device()
+
+
+def test_a_doubted_structure_marks_what_its_intervals_depend_on():
+    doubt = Finding("warning", "innovations-correlated", "Still correlated.")
+    file = estimate_file(replace(ESTIMATE, findings=(doubt,)))
+    reasons = {name: entry.reason for name, entry in file.parameters.items()}
+    stated = {p.name for p in ESTIMATE.parameters if p.std is not None}
+    assert {n for n, r in reasons.items() if "nothing is missing" in r} == stated
+    assert show(tables.print_estimate, file).count("nothing is missing") == 1
+    assert "nothing is missing" not in show(tables.print_estimate, estimate_file(ESTIMATE))
+
+
 TIME = np.arange(6000) * 1e-3
 SPEED = np.sin(TIME)
 FEW = np.linspace(1.0, 3.0, 5)

@@ -6,11 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.options import Options
 from drivetool.identify.steady import steady
+from drivetool.identify.steady_points import mean_variances
 from drivetool.logs.experiment import Experiment
 
 STEP, INERTIA = 2e-3, 2.0
@@ -272,3 +274,24 @@ def test_pictures_and_points():
     for point in found.details["points"]:
         assert {"file", "start", "end", "speed", "speed_std", "torque", "torque_std"} <= set(point)
         assert point["end"] > point["start"] and point["torque_std"] > 0
+
+
+def wandering(size, memory, rng):
+    """(size,) noise of unit variance that is forgotten over `memory` samples."""
+    keep = np.exp(-1.0 / memory)
+    start = rng.standard_normal()
+    steps = np.sqrt(1.0 - keep**2) * rng.standard_normal(size)
+    return lfilter([1.0], [1.0, -keep], steps, zi=[keep * start])[0]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.04, 0.13])
+def test_variance_of_a_mean_of_noise_that_wanders(memory):
+    """Over the closed form for a first-order lag; memory as a share of the interval."""
+    size, rng = 2000, np.random.default_rng(5)
+    ratios = []
+    for _ in range(40):
+        series = [wandering(size, memory * size, rng) if memory else rng.standard_normal(size) for _ in range(7)]
+        ratios.append(mean_variances(series, [1e-3] * 7)[0].mean())
+    x = 1.0 / memory if memory else 1.0
+    true = 2.0 / x * (1.0 - (1.0 - np.exp(-x)) / x) if memory else 1.0 / size
+    assert 0.75 < np.mean(ratios) / true < 1.6

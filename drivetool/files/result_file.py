@@ -17,6 +17,8 @@ from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
 from drivetool.identify.estimate import Covariance, Estimate, Parameter, Starts
 
+# Findings by which the structure is not the machine's.
+DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
@@ -51,7 +53,10 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
     carried  sections of the files that were read which no estimator changes: ratings, controller
     """
     drive = estimate.drive
-    parameters = {p.name: parameter_section(_told_apart(p, drive)) for p in estimate.parameters}
+    known = [_told_apart(p, drive) for p in estimate.parameters]
+    if any(f.code in DOUBTING for f in estimate.findings):
+        known = [replace(p, reason=p.reason or shapes.IF_COMPLETE) if p.std is not None else p for p in known]
+    parameters = {p.name: parameter_section(p) for p in known}
     for name, value in drive.values.items():
         if name not in parameters:
             # Or the next step would lose what an earlier one found.

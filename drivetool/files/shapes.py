@@ -11,6 +11,8 @@ from drivetool.check.diagnosis import State, Verdict
 
 PARAMETERS_SCHEMA = "drivetool/parameters/1"
 VALIDATION_SCHEMA = "drivetool/validation/1"
+# Of a std beside findings that something is missing from the structure.
+IF_COMPLETE = "the +- holds only if nothing is missing from the drive, which the findings doubt"
 
 Number = float | None
 Plain = dict[str, Any]
@@ -52,7 +54,7 @@ class ParameterSection(Shape):
         tuple[Number, Number] | None, Meta(description="95 % interval, lower and upper end")] = None
     start: Annotated[Number, Meta(description="value the fit started from")] = None
     status: Literal["fitted", "held", "at-bound", "not-identifiable"] = "held"
-    reason: Annotated[str, Meta(description="why there is no std, or why the value was held")] = ""
+    reason: Annotated[str, Meta(description="why there is no std, when it holds, or why the value was held")] = ""
 
 
 class CovarianceSection(Shape):

@@ -26,9 +26,11 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     """
     console.print(parameter_table(file.parameters))
     told = {name: entry.reason for name, entry in file.parameters.items()
-            if entry.reason and entry.status != "held"}
+            if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
     for name, reason in told.items():
         console.print(Text(f"  {name}: {reason}", style="dim"))
+    if any(entry.reason == shapes.IF_COMPLETE for entry in file.parameters.values()):
+        console.print(Text(f"  {shapes.IF_COMPLETE}", style="yellow"))
     if told:
         console.print()
     for line in fit_lines(file.fit):

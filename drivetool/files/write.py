@@ -16,6 +16,8 @@ def check_target(path: str | Path) -> Path:
     raises  BadOption: the folder is missing or cannot be written to, or the path is a folder
     """
     path = Path(path)
+    if _takes_bytes(path):
+        return path
     folder = path.parent
     if not folder.is_dir():
         raise BadOption(f"an existing folder to write {path.name} to", f"no folder {folder}",
@@ -36,10 +38,15 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     raises   BadOption: see `check_target`; CannotWrite: the disk is full
     """
     path = check_target(path)
-    folder = path.parent
     data = content.encode("utf-8") if isinstance(content, str) else content
     temporary = None
     try:
+        if _takes_bytes(path):
+            with open(path, "wb") as stream:
+                stream.write(data)
+            return
+        path = Path(os.path.realpath(path))  # what a link points to is replaced, not the link
+        folder = path.parent
         # In the same folder, because a rename is atomic only within one file system.
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=folder)
         with os.fdopen(handle, "wb") as stream:
@@ -56,6 +63,11 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             raise CannotWrite(f"to write {path}", error.strerror or str(error),
                               "Check the rights and the free space, or give another path.") from error
         raise
+
+
+def _takes_bytes(path: Path) -> bool:
+    """Whether it is a pipe or a device, which is written to and not replaced."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _mode(path: Path) -> int:

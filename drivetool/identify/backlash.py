@@ -13,6 +13,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding
+from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import agrees, compose, unsettled
 from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, coloured, fit_task, frozen, looks_coloured
@@ -69,6 +70,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                 and not unsettled(outcome) and g not in least and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
                        known=options.known)
+    estimate = replace(estimate, findings=(*doubted_channels(task, outcome.drive), *estimate.findings))
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():

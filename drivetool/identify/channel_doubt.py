@@ -21,9 +21,9 @@ SURE = 0.1  # relative std of a negative inertia that is believed
 SIZES = (".inertia", ".stiffness")
 # What was logged over what it was taken for.
 UNITS = (
-    (60.0 / (2.0 * np.pi), "a speed in rpm taken for rad/s"), (180.0 / np.pi, "a motion in degrees taken for rad"),
-    (1.0 / (2.0 * np.pi), "a motion in turns taken for rad"),
-    (1000.0, "a motion in mm taken for m, or a torque in kNm for Nm"), (1e-3, "a torque in mNm taken for Nm"))
+    (60.0 / (2.0 * np.pi), "a speed in", "rpm", "rad/s"), (180.0 / np.pi, "a motion in", "degrees", "rad"),
+    (1.0 / (2.0 * np.pi), "a motion in", "turns", "rad"),
+    (1000.0, "a motion in", "mm", "m"), (1000.0, "a torque in", "kNm", "Nm"), (1e-3, "a torque in", "mNm", "Nm"))
 
 
 def doubted_channels(start: Task, after: Drive) -> list[Finding]:
@@ -42,8 +42,11 @@ def doubted_channels(start: Task, after: Drive) -> list[Finding]:
     factor = told or _of_fit(start, after)
     if factor is None or 1.0 / FAR < factor < FAR:
         return []
-    known = [text for size, text in UNITS if 1.0 / NEAR < factor * size < NEAR]
-    such = f", as {known[0]} would make it" if known else ""
+    both = [pair for size, what, one, other in UNITS for pair in (
+        (size, f"{what} {one} taken for {other}"), (1.0 / size, f"{what} {other} taken for {one}"))]
+    known = {text: abs(np.log(factor * size)) for size, text in both}
+    such = [text for text, off in known.items() if off < min(np.log(NEAR), 1.01 * min(known.values()))]
+    such = f", as {' or '.join(such)} would make it" if such else ""
     return [Finding(
         "warning", "unit-doubted",
         f"By its records the drive has {factor:.2g} times the inertia that it starts with{such}.",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import nnls
 
 from drivetool.identify.steady_state import block_means, steady_intervals
 from drivetool.logs.experiment import Experiment
@@ -16,6 +17,8 @@ from drivetool.logs.experiment import Experiment
 TAIL = 0.25
 # Batches per interval, most first.
 BATCHES = (15, 10, 5)
+# Memories of noise that are looked for, as shares of an interval.
+MEMORIES = (1 / 30, 1 / 12, 1 / 5)
 # A hidden acceleration may take at most this share of the record's torque.
 HIDDEN = 0.01
 
@@ -159,12 +162,12 @@ def _rise(speed: np.ndarray, step: float) -> tuple[float, float]:
 def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tuple[np.ndarray, float]:
     """Variance of the mean of each series of correlated noise, and its degrees of freedom.
 
-    The mean of stationary noise over a time L has the variance a/L + b/L^2 once L is longer than the
-    noise remembers: a is the strength of what adds up, b is negative for noise that changes slowly, and
-    positive for what is taken back, like the torque that accelerates the inertia to and fro. Both are
-    fitted to the scatter of batch means of several lengths, in all the series together, and give the
-    variance at the full length. A series whose batches scatter differently from the others (Bartlett's
-    test at 0.1 %) uses its own scatter.
+    Three kinds of noise have a mean over a time L of known variance: white, a/L; with a memory tau, that of a
+    first-order lag; and what is taken back, like the torque that accelerates the inertia to and fro, 1/L^2 once
+    L is longer than the taking back lasts. Weights of these that are not negative, for a few memories up to a
+    fifth of the duration, are fitted to the scatter of batch means of several lengths, in all the series
+    together, and give the variance at the full length. A series whose batches scatter differently from the
+    others (Bartlett's test at 0.1 %) uses its own scatter.
 
     series   (n_i,) each, n_i >= 2 max(BATCHES); NaN counts as the mean; steps [s]
     returns  (k,) variances; degrees of freedom
@@ -175,20 +178,16 @@ def mean_variances(series: Sequence[np.ndarray], steps: Sequence[float]) -> tupl
     if scatter.max() <= 1e-20 * max(float(np.nanmax(np.square(values))) for values in series):
         return np.zeros(len(series)), float(len(series) * (BATCHES[0] - 1))
     count = np.array(BATCHES)[None, :]
-    length = duration[:, None] / count
+    memories = np.median(duration) * np.array(MEMORIES)
+    whole = _mean_variance(duration[:, None], memories)
     # Expectation of the scatter about the series' own mean, which takes the variance at full length off.
-    terms = np.stack([1 / length - 1 / duration[:, None], 1 / length**2 - 1 / duration[:, None]**2], axis=-1)
-    terms *= (count / (count - 1))[..., None]
-    strength, covariance = _fit_strengths(terms.reshape(-1, 2), scatter.ravel(),
-                                          np.broadcast_to(count - 1, scatter.shape).ravel())
-    full = np.column_stack([1 / duration, 1 / duration**2])
+    terms = (_mean_variance(duration[:, None] / count, memories) - whole) * (count / (count - 1))[..., None]
+    strength = _fit_strengths(terms.reshape(-1, terms.shape[-1]), scatter.ravel(),
+                              np.broadcast_to(count - 1, scatter.shape).ravel())
     # If all the noise is taken back, the mean over n batches has 1/n^2 of their variance; no less.
-    variance = np.maximum(full @ strength, scatter[:, 0].mean() / BATCHES[0]**2)
-    middle = full[np.argsort(duration)[len(duration) // 2]]
-    spread = middle @ covariance @ middle
-    # Batches of all lengths come from the same samples: less information than they seem to hold.
-    overlap = sum(n - 1 for n in BATCHES) / (BATCHES[0] - 1)
-    dof = max(3.0, 2 * float(np.median(variance))**2 / (spread * overlap))
+    variance = np.maximum(whole[:, 0] @ strength, scatter[:, 0].mean() / BATCHES[0]**2)
+    # The full length lies beyond the longest batches: what these tell of it is worth a tenth of their freedom.
+    dof = max(3.0, len(series) * (BATCHES[-1] - 1) / 10)
     ratio = scatter[:, 0] / np.maximum(terms[:, 0] @ strength, 0.1 * scatter[:, 0].mean())
     if _alike(ratio, BATCHES[0] - 1):
         return variance, dof
@@ -201,28 +200,26 @@ def _batch_variances(values: np.ndarray) -> list[float]:
     return [float(np.var(block_means(values, len(values) // n)[:n], ddof=1)) for n in BATCHES]
 
 
-def _fit_strengths(terms: np.ndarray, scatter: np.ndarray,
-                   dof: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(a, b) of scatter = terms @ (a, b), and their covariance.
+def _mean_variance(length: np.ndarray, memories: np.ndarray) -> np.ndarray:
+    """(..., 2 m + 2) variance of the mean over a time [s] of each kind of noise of unit strength; see above."""
+    x = length[..., None] / memories
+    gone = 1.0 - np.exp(-x)
+    length = length[..., None]
+    return np.concatenate([1.0 / length, (1.0 - gone / x) / length, 1.0 / length**2, gone / length**2], axis=-1)
+
+
+def _fit_strengths(terms: np.ndarray, scatter: np.ndarray, dof: np.ndarray) -> np.ndarray:
+    """Weights of scatter = terms @ weights, none negative.
 
     A variance with `dof` degrees of freedom has a relative standard deviation of sqrt(2/dof).
     """
     scale = terms.mean(axis=0)
     predicted = np.full(len(scatter), scatter.mean())
-    columns = np.array([True, True])
     for _ in range(12):
         weight = np.sqrt(dof / 2) / predicted
-        rows = (terms / scale * weight[:, None])[:, columns]
-        found = np.zeros(2)
-        found[columns] = np.linalg.lstsq(rows, scatter * weight, rcond=None)[0]
-        if found[0] < 0:
-            # No noise adds up: all of it swings to and fro.
-            columns[0] = False
-            found = np.array([0.0, max(found[1], 1e-3 * scatter.mean())])
+        found, _ = nnls(terms / scale * weight[:, None], scatter * weight)
         predicted = np.maximum(terms / scale @ found, 0.1 * scatter.mean())
-    covariance = np.zeros((2, 2))
-    covariance[np.ix_(columns, columns)] = np.linalg.inv(rows[:, :columns.sum()].T @ rows[:, :columns.sum()])
-    return found / scale, covariance / np.outer(scale, scale)
+    return found / scale
 
 
 def _alike(variances: np.ndarray, dof: int) -> bool:
