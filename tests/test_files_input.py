@@ -45,6 +45,8 @@ BAD = {
     "short interval": (AT + "{motor.inertia: {value: 1, ci95: [1]}}", "list of 2 ci95"),
     "status": (AT + "{motor.inertia: {value: 1, status: fited}}", "one of fitted, held 'fited'"),
     "negative": (AT + "{motor.inertia: -1}", "between 1e-12 and 1e+12 kg m^2 -1 in"),
+    "negative std": (AT + "{motor.inertia: {value: 1, std: -1}}", "a number of at least 0 motor.inertia.std '-1'"),
+    "gains": ("schema: drivetool/gains/1\n", "drivetool/parameters/1 goes to --gains"),
     "nan": (AT + "{motor.inertia: .nan}", "between nan"),
     "total and part": (AT + "{total.viscous: 1, load.viscous: 1}", "either total.viscous Delete"),
     "infinite": (AT + "{motor.inertia: .inf}", "between inf"),

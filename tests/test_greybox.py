@@ -18,7 +18,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, first_point, problem_of, traces_of
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
-from tests.recover import STEP, drive_like, experiment, joint_error, linear_record, truth
+from tests.recover import STEP, drive_like, experiment, gap_record, joint_error, linear_record, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running
 from tests.simulator.records import white_noise
@@ -219,3 +219,14 @@ def test_the_start_speed_of_a_body_without_mass_stays():
     point = first_point(drive, problem, roles)
     _, (own,) = marquardt_step(problem, point, problem.normal(point), 1e-3)
     assert abs(own[0]) < np.abs(speed).max()
+
+
+def test_a_gap_that_may_have_opened_is_said_where_errors_stay_correlated():
+    machine = machine_by_seed(21, gap=0.2)
+    values = truth(machine)
+    drive = drive_like(machine, SHAPE).with_values({n: values[n] for n in ("total.viscous", "total.idle_torque")})
+    record, _ = gap_record(machine, 21)
+    said = {f.code for f in greybox([record], drive, Options()).findings}
+    assert said >= {"innovations-correlated", "gap-may-have-opened"}
+    said = {f.code for f in greybox([record], drive.with_values({"shaft.half_gap": 0.0}), Options()).findings}
+    assert "gap-may-have-opened" not in said

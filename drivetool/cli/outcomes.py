@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
@@ -53,7 +54,11 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
             code = FAILED
         except Exception as error:  # no traceback reaches a user, whatever went wrong
             text = " ".join(f"{type(error).__name__}: {error}".split())
-            code = _failed(command, f"unexpected {text} (run again with --debug for the traceback)", debug)
+            text = f"unexpected {text} (run again with --debug for the traceback)"
+            if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
+                text = f"error: wanted to print the result; found {error.strerror}. Make room, or print elsewhere."
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = _failed(command, text, debug)
     raise typer.Exit(code)
 
 

@@ -14,6 +14,7 @@ Shape = TypeVar("Shape", bound=shapes.Shape)
 
 _EXPECTED = re.compile(
     r"Expected `(?P<wanted>.*?)`(?: of length (?P<length>\d+))?, got `?(?P<found>[^`]*)`?")
+_LEAST = re.compile(r"Expected `(?:float|int)` >= (?P<least>[-+.0-9e]+)")
 _PLACE = re.compile(r" - at `\$\.?(?P<path>.*)`$")
 _WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
           "array": "list", "bool": "true or false"}
@@ -80,6 +81,8 @@ def _schema(raw: dict[Any, Any], name: str) -> None:
         do = "Write the file again with this version of drivetool, or check it and change its schema line."
     if found == shapes.VALIDATION_SCHEMA:
         do = "Give the parameter file that was validated, not the file that validate wrote."
+    if found == gains_shapes.GAINS_SCHEMA:
+        do = "Give the parameter file that was tuned; the file that tune wrote goes to --gains."
     raise BadParameters(f"schema {wanted}", f"{found or 'no schema'} in {name}", do)
 
 
@@ -110,7 +113,10 @@ def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "p
         place = f"{where}.{path}" if where and path and not path.startswith("[") else where + path
         value, choices = _at(raw, path), _choices(shape, path)
         kinds = _EXPECTED.search(text)
-        if choices:
+        least = _LEAST.search(text)
+        if least:
+            wanted, found = f"a number of at least {float(least['least']):g}", _found(value)
+        elif choices:
             wanted, found = f"one of {', '.join(choices)}", _found(value)
         elif kinds:
             length = f" of {kinds['length']}" if kinds["length"] else ""

@@ -49,7 +49,8 @@ class ParameterSection(Shape):
 
     value: Annotated[Number, Meta(description="null where there is none; reason says why")]
     unit: Annotated[str | None, Meta(description="converted if it is not the drive's own")] = None
-    std: Annotated[Number, Meta(description="standard deviation; null where there is none")] = None
+    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
+        description="standard deviation; null where there is none")] = None
     ci95: Annotated[
         tuple[Number, Number] | None, Meta(description="95 % interval, lower and upper end")] = None
     start: Annotated[Number, Meta(description="value the fit started from")] = None

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
 from drivetool.errors import Finding
-from drivetool.identify.contact import contact
+from drivetool.identify.contact import opened_gaps, shut
 from drivetool.identify.engine import Outcome, Task, free_run
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.greybox import reverses
 from drivetool.identify.results import experiment_for
-from drivetool.identify.setup import replaced
 from drivetool.identify.transfer import Form
 
 # Log likelihood that the shaft must bring over one rigid body. Chance brings 6 on average and at most
@@ -53,7 +51,7 @@ def findings_of(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], d
             found += _band(details["resonance"]["hz"]["value"], traces, runs)
         found += _sampling(details["resonance"]["hz"]["value"], traces)
     if not lack and task.drive.shafts:
-        found += _gap(task)
+        found += opened_gaps(task, "the black box has none")
     if any(reverses(e) for e in task.experiments):
         found.append(Finding(
             "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction "
@@ -150,29 +148,6 @@ def excitation(traces: Sequence[Trace], runs: Sequence[np.ndarray]) -> tuple[np.
     kept = noise[inside] > 0.0
     middle = np.sqrt(edges[:-1] * edges[1:])
     return middle[kept], signal[inside][kept] / noise[inside][kept]
-
-
-def _gap(task: Task) -> list[Finding]:
-    """Whether the shaft torque of the fitted drive changes sign."""
-    name = f"{task.drive.shafts[0]}.half_gap"
-    if task.drive.values.get(name) == 0.0:
-        return []
-    shaft = contact(shut(task), 0)
-    if not shaft.reverses:
-        return []
-    unit = task.drive.torque_unit
-    return [Finding(
-        "warning", "gap-may-have-opened",
-        f"The shaft torque reaches from {shaft.least:.3g} to {shaft.most:.3g} {unit}: where it changes sign "
-        "a gap opens, and the black box has none.",
-        {"least_shaft_torque": shaft.least, "largest_shaft_torque": shaft.most},
-        f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0.")]
-
-
-def shut(task: Task) -> Task:
-    """The task with the gap closed: this record is taken as gap-free."""
-    names = [f"{s}.half_gap" for s in task.drive.shafts]
-    return replace(task, drive=replaced(task.drive, names, np.zeros(len(names))))
 
 
 def converted_run(task: Task) -> np.ndarray | None:

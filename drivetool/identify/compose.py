@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
@@ -20,6 +20,7 @@ from drivetool.identify.results import covariance_of, held_uncertainty, paramete
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 
+CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
 
 
@@ -49,6 +50,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     if outcome.fit is not None:
         extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
+    more = (*more, *contradicted(known, before, after, covariance))
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
     _, _, runs = free_run(task.at_point(solution.point), noise=outcome.fit.noise if outcome.fit else None)
@@ -69,6 +71,37 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome))
+
+
+def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Covariance | None) -> list[Finding]:
+    """What came out far from where the step before, by its own interval, had found it.
+
+    known, now  covariance of the values that the step was given, and of those that it found
+    """
+    if known is None or now is None:
+        return []
+    off = {}
+    for was, std in zip(known.names, np.sqrt(np.diag(known.matrix)), strict=True):
+        # A sum that was parted is held against the sum of its parts.
+        parts = [f"{b}.{TOTALS[was]}" for b in after.bodies] if was in TOTALS and was not in now.names else [was]
+        shares = np.array([after.felt_share(n) if len(parts) > 1 else 1.0 for n in parts])
+        if was not in before.values or not set(parts) <= set(now.names):
+            continue
+        index = [now.names.index(n) for n in parts]
+        value = float(shares @ [after.values[n] for n in parts])
+        total = std**2 + float(shares @ now.matrix[np.ix_(index, index)] @ shares)
+        z = (value - before.values[was]) / np.sqrt(total)
+        if abs(z) > CONTRADICTED:
+            off[was] = f"{was} is {value:.4g}, and was {before.values[was]:.4g} +- {std:.2g}", float(z)
+    if not off:
+        return []
+    return [Finding(
+        "warning", "contradicts-the-file",
+        f"{'; '.join(text for text, _ in off.values())} in the file: what one of the two steps left out is in "
+        "these values.",
+        {name: z for name, (_, z) in off.items()},
+        "Run diagnose on both recordings; friction of the load, say, is fitted with --free load.coulomb "
+        "--set load.coulomb=1.")]
 
 
 def starts_of(outcome: Outcome) -> Starts:

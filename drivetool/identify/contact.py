@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
+from drivetool.errors import Finding
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_states
+from drivetool.identify.setup import first_states, replaced
 
 
 @dataclass(frozen=True)
@@ -58,3 +59,30 @@ def contact(task: Task, shaft: int) -> Contact:
     least, most = np.quantile(all_torque, [0.001, 0.999])
     return Contact(float(least), float(most), bool(least < 0.0 < most), opened, crossed,
                    float(np.mean(all_sides == 0)))
+
+
+def opened_gaps(task: Task, lacking: str) -> list[Finding]:
+    """Shafts whose torque changes sign in the records, unless their half gap is said to be zero.
+
+    lacking  what the step makes of a gap, in words
+    """
+    found = []
+    for i, shaft in enumerate(task.drive.shafts):
+        name = f"{shaft}.half_gap"
+        if task.drive.values.get(name) == 0.0:
+            continue
+        seen = contact(shut(task), i)
+        if seen.reverses:
+            found.append(Finding(
+                "warning", "gap-may-have-opened",
+                f"The torque of {shaft} reaches from {seen.least:.3g} to {seen.most:.3g} {task.drive.torque_unit}: "
+                f"where it changes sign a gap opens, and {lacking}.",
+                {"least_shaft_torque": seen.least, "largest_shaft_torque": seen.most},
+                f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0."))
+    return found
+
+
+def shut(task: Task) -> Task:
+    """The task with the gaps closed."""
+    names = [f"{s}.half_gap" for s in task.drive.shafts]
+    return replace(task, drive=replaced(task.drive, names, np.zeros(len(names))))

@@ -16,6 +16,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, fit_percent
+from drivetool.identify.contact import opened_gaps
 from drivetool.identify.engine import (
     SEGMENT,
     Outcome,
@@ -35,11 +36,13 @@ from drivetool.identify.parts import parted, told_apart
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
+from drivetool.identify.task import has_gap
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
+LACKING = {"innovations-correlated", "model-error"}  # findings of a fit that something is missing
 SHOWS = 6.0  # log likelihood by which a dry friction of another size must be better to be freed unasked
 
 
@@ -71,6 +74,9 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     findings = [*left, *doubted_channels(task, outcome.drive), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
+    if outcome.drive.shafts and not has_gap(outcome.task) and {f.code for f in estimate.findings} & LACKING:
+        opened = opened_gaps(outcome.task.at_point(outcome.solution.point), "this drive has none")
+        estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     return told_by(estimate, worth_of_shafts(white))

@@ -76,7 +76,8 @@ def _unstable(f: Figures) -> list[Finding]:
         "failure", "unstable-estimate", f"The {f.fit.structure.kind} model of order {f.fit.structure.order} "
             "grows by "
         f"itself (poles at {f.unstable} rad/s): it is not simulated.", {"order": f.fit.structure.order},
-        "Use another structure (oe, or bj in closed loop), another order, or a livelier record.")]
+        f"Use another structure ({'bj' if f.fit.structure.kind == 'oe' else 'oe'}, say), another order, or a "
+        "livelier record.")]
 
 
 def _noise(f: Figures, data: Data) -> list[Finding]:
@@ -103,8 +104,9 @@ def _noise(f: Figures, data: Data) -> list[Finding]:
         "note", "errors-not-white", f"The errors of the {kind} model are not white; their colour is in the "
             "intervals, "
         "as far as an autoregression follows it.", evidence,
-        "A nonlinearity or a disturbance is left over: compare spectra. Torque noise that excites the resonance "
-        "needs --structure innovations.")]
+        "A nonlinearity or a disturbance is left over: compare spectra." + ("" if kind == "innovations" else
+        " Torque noise that excites the resonance needs --structure innovations."))]
+
 
 
 def _order(f: Figures) -> list[Finding]:

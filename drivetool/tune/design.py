@@ -132,8 +132,8 @@ def _infeasible(nominal: Task, options: TuneOptions, draws: Draws | None) -> Bad
     if np.isfinite(limits.gain) and (found := _least_gain(free)) is not None:
         return BadOption(
             f"settings with Kp up to {limits.gain:g} and Ms up to {limits.sensitivity:g}",
-            f"none; with this Ms limit the gain has to be at least {found:.4g}",
-            f"Raise --max-gain to {found:.3g} or the Ms limit.")
+            f"none; with this Ms limit and an integral time of up to {free.times[1]:.3g} s the gain has to be at "
+            f"least {found:.4g}", f"Raise --max-gain to {found:.3g} or the Ms limit.")
     lowest = lowest_sensitivity(free)
     if lowest > limits.sensitivity:
         return BadOption(
