@@ -7,7 +7,8 @@ from drivetool.drive.chain import two_mass
 from drivetool.identify.compose import contradicted
 from drivetool.identify.estimate import Covariance
 
-BEFORE = two_mass().with_values({"motor.inertia": 1.0, "load.inertia": 2.0, "total.viscous": 0.5, "shaft.ratio": 2.0})
+BEFORE = two_mass().with_values({
+    "motor.inertia": 1.0, "load.inertia": 2.0, "total.viscous": 0.5, "shaft.ratio": 2.0})
 GIVEN = Covariance(("motor.inertia", "total.viscous"), np.diag([0.01**2, 0.03**2]))
 
 
@@ -25,7 +26,7 @@ def test_by_the_intervals_of_both(value, far):
 
 @pytest.mark.parametrize(("load", "far"), [(1.2, False), (4.0, True)])
 def test_a_sum_is_held_against_its_parts_behind_their_gear(load, far):
-    """The motor feels a quarter of the load's friction behind a ratio of two: 0.2 + 0.3 is the sum, 0.2 + 1 is not."""
+    """The motor feels a quarter of the load's friction behind a ratio of two: 0.2 + 0.3 is the sum, 0.2 + 1 not."""
     after = BEFORE.with_values({"motor.viscous": 0.2, "load.viscous": load})
     found = told(after, ["motor.viscous", "load.viscous"], [0.02, 0.08])
     assert found == ([{"total.viscous": pytest.approx(0.7 / np.sqrt(0.03**2 + 0.02**2 + 0.02**2))}] if far else [])

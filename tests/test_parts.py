@@ -1,5 +1,7 @@
 """Friction of the bodies of a chain by itself, where a sensor tells it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,17 @@ def test_however_a_sum_is_parted_the_motor_feels_as_much(ratio):
     for total, whole in (("total.viscous", 2.4), ("total.idle_torque", 3.5)):
         for task, _ in parted(Task(drive, (total,), roles_of([record], drive), (record,)), total):
             assert task.drive.felt(total.partition(".")[2]) == pytest.approx(whole, rel=1e-12)
+
+
+def test_idle_torques_that_cancel_are_told_by_a_shaft_torque():
+    """Their sum is nothing, shared out by rule each is nothing too: the fit had no idle torque at all."""
+    machine = replace(MACHINE, idle_torque=(2.0, 0.0, -2.0))
+    lines = np.concatenate([[0.5, 1.25, 2.5], np.linspace(6.0, 55.0, 25)])
+    torque = 4.0 * multisine(lines, 3.0, 4000 * STEP, STEP, 1)[:4000]
+    run = simulate_linear(machine, torque, STEP, None, white_noise(4000, 0.05, 2))
+    record = experiment(torque, run.speeds[:, 0] + white_noise(4000, 5e-3, 3),
+                        shaft_torque=run.shaft_torques[:, 0] + white_noise(4000, 0.05, 4))
+    values = {**TRUE, "total.idle_torque": 0.0}
+    found = {p.name: p for p in greybox([record], three_mass().with_values(values), Options()).parameters}
+    motor, behind = found["motor.idle_torque"], found["arm.idle_torque"]
+    assert motor.ci95[0] <= 2.0 <= motor.ci95[1] and behind.ci95[0] <= -2.0 <= behind.ci95[1]

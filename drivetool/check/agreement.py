@@ -63,7 +63,7 @@ def travelled(signals: Mapping[str, np.ndarray], one: str, other: str, step: flo
                 is behind, which speed and acceleration take up; an offset of a speed grows with time
     """
     length, rows = max(2, round(SHORT / step)), []
-    for a, b in segments:
+    for a, b in _unbroken(signals, (one, other), segments, length):
         n = (b - a) // length
         if n < FEW:
             continue
@@ -76,8 +76,19 @@ def travelled(signals: Mapping[str, np.ndarray], one: str, other: str, step: flo
     return _slope(*(np.concatenate(rows).T if rows else np.empty((2, 0))), BLOCKS)
 
 
+def _unbroken(signals: Mapping[str, np.ndarray], roles: Sequence[str], segments: Sequence[tuple[int, int]],
+              longest: int) -> list[tuple[int, int]]:
+    """The segments cut where a channel has no value for longer than so many samples: the way there is unknown."""
+    found = []
+    for a, b in segments:
+        known = np.flatnonzero(np.all([np.isfinite(signals[r][a:b]) for r in roles], axis=0))
+        cuts = np.flatnonzero(np.diff(known) > longest)
+        found += [(a + int(piece[0]), a + int(piece[-1]) + 1) for piece in np.split(known, cuts + 1) if len(piece)]
+    return found
+
+
 def _way(y: np.ndarray, role: str, step: float) -> np.ndarray:
-    """(n,) where a body is, from its angle or its speed; missing values are bridged."""
+    """(n,) where a body is, from its angle or its speed; single missing values are bridged."""
     good = np.isfinite(y)
     if not good.any():
         return np.full(len(y), np.nan)

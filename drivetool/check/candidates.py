@@ -89,6 +89,17 @@ def motion(base: Model) -> tuple[float, float]:
             max(t.size * t.step for t in base.problem.traces))
 
 
+def travel(base: Model) -> float:
+    """The largest way of the motor in a record, from one end to the other."""
+    angle = base.task.roles.outputs[0].endswith("angle")
+    ways = []
+    for t in base.problem.traces:
+        y = t.outputs[:, 0]
+        ways.append(float(np.nanmax(y) - np.nanmin(y)) if angle
+                    else float(np.ptp(np.cumsum(np.nan_to_num(y)))) * t.step)
+    return max(ways)
+
+
 def ends(base: Model) -> tuple[str, ...]:
     """The bodies at which friction may be told apart: the last one only with more than one body."""
     bodies = base.task.drive.bodies

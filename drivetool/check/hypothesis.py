@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, motion, why_absent
+from drivetool.check.candidates import Candidate, Start, motion, travel, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit, judge
@@ -23,6 +23,7 @@ from drivetool.identify.setup import problem_of
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
 KEPT = 2  # ends of a first round that may be fitted to the end
 AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
+CLOSE = 0.3  # of what the best of them gains, by which one of another order may be behind it
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
@@ -124,10 +125,10 @@ def also(tried: Tried, end: Model | None) -> Tried:
     return replace(tried, models=tuple(models), reason="", absent=None)
 
 
-def polished(tried: Tried, masks: Masks) -> Tried:
-    """The best ends of a first round fitted to the end."""
-    models, ends, reason = tried.models, [], ""
-    for model in models[:1] if models[0].value < models[-1].value - AHEAD else models:
+def polished(tried: Tried, masks: Masks, base: Model) -> Tried:
+    """The best ends of a first round fitted to the end, over a base."""
+    ends, reason = [], ""
+    for model in _contenders(tried.models, base):
         try:
             ends.append(fit(model.code, model.task, model.problem, model.point, model.noise, masks))
         except BROKEN as error:
@@ -135,6 +136,26 @@ def polished(tried: Tried, masks: Masks) -> Tried:
     if not ends:
         return replace(tried, models=(), reason=f"its fit failed: {reason}", absent="failed")
     return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
+
+
+def _contenders(models: Sequence[Model], base: Model) -> list[Model]:
+    """The best end, those close to it, and those of another order that gain nearly as much.
+
+    Under a torque noise that has yet to fall, a lag of the wrong order may be ahead of that of the right one.
+    """
+    best = models[0]
+    close = CLOSE * (base.value - best.value)
+
+    def behind(m: Model) -> float:
+        return close if _orders(m) != _orders(best) and close > AHEAD else AHEAD
+
+    return [best, *(m for m in models[1:] if m.value < best.value + behind(m))]
+
+
+def _orders(model: Model) -> tuple[float | None, ...]:
+    """The choices in a drive that are no numbers to be fitted."""
+    drive = model.task.drive
+    return tuple(drive.value(n) for n, q in drive.quantities.items() if q.choice)
 
 
 def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
@@ -162,10 +183,12 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
 
     Where parameters trade against one another a standard error says little: the base begun there decides. Not over
     a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none. Nor is a
-    warm-up one of which the record does not show the end.
+    warm-up one of which the record does not show the end, or a ripple one that does not repeat.
     """
     if tried.model is not None and _endless(tried.model):
         return replace(tried, reason="it would take longer than the record to show", absent="no-gain")
+    if tried.model is not None and _unrepeated(tried.model):
+        return replace(tried, reason="it would not repeat in the record", absent="no-gain")
     longer = tried.model is not None and tried.model.task.drive.bodies != base.task.drive.bodies
     if not (tried.smallest or longer) or tried.model is None:
         return tried
@@ -185,6 +208,12 @@ def _endless(model: Model) -> bool:
     """Whether a time constant of a warm-up lies on its bound."""
     values = zip(model.task.free, model.point.values, model.problem.high, strict=True)
     return any(n.endswith(".drift_time") and value > 0.99 * high for n, value, high in values)
+
+
+def _unrepeated(model: Model) -> bool:
+    """Whether the motor does not go through a period of a ripple: then it is an offset by another name."""
+    values = zip(model.task.free, model.point.values, strict=True)
+    return any(n.endswith(".ripple_order") and value * travel(model) < 2.0 * np.pi for n, value in values)
 
 
 def _needed(model: Model, base: Model, masks: Masks) -> bool:

@@ -19,7 +19,7 @@ from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
 
 COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
-SCALE = 0.01  # relative error of a channel below which it is not blamed
+SCALE = 0.003  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope
 LATE = 0.1  # samples of delay below which a speed is not called late
 

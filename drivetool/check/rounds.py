@@ -157,7 +157,7 @@ class Search:
             tried = [also(t, self.ends.get(t.candidate.code)) for t in tried]
             likely = self._likely(tried, promised=True, over=stand)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
-                             pool.map(lambda t: polished(t, self.masks), likely), len(likely))
+                             pool.map(lambda t: polished(t, self.masks, stand), likely), len(likely))
             ends = self._with_special_cases(fitted)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))

@@ -70,12 +70,12 @@ def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         return np.zeros(0, int), np.zeros(0), 1.0
     filled = np.interp(np.arange(len(y)), np.flatnonzero(good), y[good])
     d = np.abs(filled - median_filter(filled, WINDOW, mode="nearest"))
-    sigma = 1.4826 * float(np.median(d))
+    sigma = 1.4826 * float(np.median(d[good]))  # what is bridged has no noise
     usual = 1.4826 * median_filter(d, 51, mode="nearest")
     d2 = np.abs(np.diff(filled, 2, prepend=filled[0], append=filled[-1]))
     # What rings goes on bending a few samples further on; a spike, even two, bends at most three of them.
     alone = np.sum([np.roll(d2, k) > ALONE * d2 for k in (-5, -4, -3, -2, 2, 3, 4, 5)], axis=0) <= 3
-    smooth = 1.4826 * float(np.median(d2))
+    smooth = 1.4826 * float(np.median(d2[good]))
     if max(sigma, smooth) <= 0.0:
         return np.zeros(0, int), np.zeros(0), 1.0
     # A spike is one sample against both neighbours: a step of the motion is not.

@@ -184,7 +184,7 @@ def _told_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float
     point = Point(point.values, outcome.solution.point.starts)
     normal = (problem.normal(point) if outcome.fit is None
               else normal_under(problem, point, outcome.fit.noise))
-    return told_apart(task.drive, problem, point, normal, parts, whole)
+    return told_apart(task, problem, point, normal, parts, whole)
 
 
 def _segment_of(outcome: Outcome) -> float:

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import GEARED, TOTALS, Drive
+from drivetool.drive.chain import GEARED, TOTALS
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.results import covariance_of
 from drivetool.identify.task import Task
 
+IDLE = 0.03  # of the torque's rms, below which no idle torque is small
 SHARE = 1.0 / 3.0  # of the sum, that the standard deviation of each part must be below
 
 
@@ -36,16 +37,24 @@ def parted(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]]]:
     return found
 
 
-def told_apart(drive: Drive, problem: Problem, point: Point, normal: Normal, parts: Sequence[str],
+def told_apart(task: Task, problem: Problem, point: Point, normal: Normal, parts: Sequence[str],
                whole: float) -> bool:
     """Whether the predicted std of each part, as the motor feels it, is below a third of the sum.
 
+    Idle torques that cancel are told as well as others, though their sum is nothing: a small share of the torque
+    counts for it.
+
+    task    with the parts free; whole: the sum
     normal  equations at the point
     """
+    drive, size = task.drive, max(abs(whole), 1e-12)
+    if parts[0].endswith(".idle_torque"):
+        torque = np.concatenate([e.signals[task.roles.inputs[0]] for e in task.experiments])
+        size = max(size, IDLE * float(np.sqrt(np.nanmean(torque**2))))
     covariance, inflation, _ = covariance_of(
         replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
     index = [problem.names.index(p) for p in parts]
     with np.errstate(invalid="ignore"):
         std = np.sqrt(np.diag(covariance)[index]) * [drive.felt_share(p) for p in parts]
     return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
-                and np.all(std < max(abs(whole), 1e-12) * SHARE))
+                and np.all(std < size * SHARE))
