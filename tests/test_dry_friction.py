@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.greybox import greybox, reverses
+from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from drivetool.identify.told_together import reverses
 from tests.recover import STEP, drive_like, experiment, truth
 from tests.simulator.machine import Machine, at_rest, machine_by_seed, running
 from tests.simulator.records import white_noise
@@ -29,13 +30,13 @@ def record(machine: Machine, torque: np.ndarray, start, seed: int):
     return experiment(torque, speed + white_noise(len(speed), 1e-3 * np.abs(speed).max(), seed + 1)), run
 
 
-def fit_of(machine: Machine, given: float, one, hold=()):
+def fit_of(machine: Machine, given: float, one, hold=(), name="motor.coulomb"):
     values = truth(machine)
     drive = drive_like(machine, ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"], 0.1, 3)
     drive = drive.with_values({"motor.coulomb": given, "total.viscous": values["total.viscous"],
                                "total.idle_torque": 0.0})
     estimate = greybox([one], drive, Options(hold=hold))
-    return next(p for p in estimate.parameters if p.name == "motor.coulomb")
+    return next(p for p in estimate.parameters if p.name == name)
 
 
 def pushes(machine: Machine, back: float) -> np.ndarray:
@@ -74,3 +75,7 @@ def test_a_drive_that_never_stops_keeps_what_was_given():
     assert run.speeds[:, 0].min() > 0.0
     line = fit_of(machine, 0.8 * machine.coulomb[0], one)
     assert line.status == "held"
+    # What that value lacks is in the idle torque: by itself that has no interval.
+    idle = fit_of(machine, 0.8 * machine.coulomb[0], one, name="total.idle_torque")
+    assert idle.std is None and "together with motor.coulomb" in idle.reason
+    assert fit_of(machine, 0.0, one, name="total.idle_torque").std is not None

@@ -17,13 +17,13 @@ from drivetool.identify.blackbox_findings import bode, converted_run, findings_o
 from drivetool.identify.compose import fit_percent, how_it_ended, noise_figures, one_step_percent, record_exhibits
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
-from drivetool.identify.greybox import reverses
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import Z95, covariance_of, held_uncertainty
 from drivetool.identify.setup import traces_of
+from drivetool.identify.told_together import reverses
 from drivetool.identify.transfer import VISCOUS, Form, impossible, to_physical
 
 ONE_SIDED = 1.645

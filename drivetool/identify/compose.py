@@ -19,6 +19,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
+from drivetool.identify.told_together import told_together
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
@@ -51,6 +52,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
     lines, covariance, more = parameters_of(problem, solution, before, after, extra)
     more = (*more, *contradicted(known, before, after, covariance))
+    lines, covariance = told_together(lines, covariance, task.at_point(solution.point), known)
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
     _, _, runs = free_run(task.at_point(solution.point), noise=outcome.fit.noise if outcome.fit else None)

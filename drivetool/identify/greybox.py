@@ -37,6 +37,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.task import has_gap
+from drivetool.identify.told_together import reverses
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 
@@ -95,20 +96,6 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
     if any(reverses(e) for e in experiments):
         names += coulomb or [f"{drive.bodies[0]}.coulomb"]
     return tuple(names)
-
-
-def reverses(experiment: Experiment) -> bool:
-    """Whether the motor turns both ways for at least 2 % of the record each."""
-    if "motor_speed" in experiment.signals:
-        speed = experiment.signals["motor_speed"]
-    elif "motor_angle" in experiment.signals:
-        smooth = max(1, round(0.02 / experiment.step))
-        angle = experiment.signals["motor_angle"]
-        speed = angle[smooth:] - angle[:-smooth]
-    else:
-        return False
-    size = 0.02 * np.nanmax(np.abs(speed))
-    return bool(np.nanmean(speed > size) > 0.02 and np.nanmean(speed < -size) > 0.02)
 
 
 def expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) -> Options:
