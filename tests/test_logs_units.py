@@ -23,7 +23,7 @@ SPELLINGS = [
     ("deg/s", "speed", "rad/s", math.pi / 180), ("rpm", "speed", "rad/s", math.pi / 30),
     ("1/min", "speed", "rad/s", math.pi / 30), ("r/min", "speed", "rad/s", math.pi / 30),
     ("min^-1", "speed", "rad/s", math.pi / 30), ("rev/s", "speed", "rad/s", 2 * math.pi),
-    ("m/s", "speed", "m/s", 1.0), ("mm/s", "speed", "m/s", 1e-3),
+    ("m/s", "speed", "m/s", 1.0), ("mm/s", "speed", "m/s", 1e-3), ("km/h", "speed", "m/s", 1 / 3.6),
     ("s", "time", "s", 1.0), ("ms", "time", "s", 1e-3), ("us", "time", "s", 1e-6), ("ns", "time", "s", 1e-9),
     ("%", "torque", "1", 1e-2), ("%", "speed", "1", 1e-2), ("1", "torque", "1", 1.0),
 ]
@@ -68,4 +68,4 @@ def test_round_trip(name, value):
 
 def test_every_dimension_lists_its_units():
     assert units_for("time") == ("s", "ms", "us", "ns")
-    assert set(units_for("speed")) == {"rad/s", "deg/s", "rpm", "rev/s", "m/s", "mm/s", "%", "1"}
+    assert set(units_for("speed")) == {"rad/s", "deg/s", "rpm", "rev/s", "m/s", "mm/s", "km/h", "%", "1"}

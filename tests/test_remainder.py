@@ -7,11 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.check.diagnose import base_model
 from drivetool.check.model import Model, everything, fit, spread
 from drivetool.check.remainder import _left, _logged_again, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
-from tests.recover import one_sensor
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import machine_by_seed
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate_linear
 
 
 def rounded(seed: int, share: float) -> tuple[Model, float]:
@@ -56,3 +63,21 @@ def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
     model, _ = rounded(3, 0.05)
     monkeypatch.setattr("drivetool.check.remainder.fit", fails)
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
+
+
+@pytest.mark.parametrize(("seed", "stiffer"), [(2, 1.0), (2, 1.03), (7, 1.0), (7, 1.03)])
+def test_a_shaft_that_changes_within_the_record_is_something_left(seed, stiffer):
+    """The second half is of a machine whose shaft is stiffer: noise does not make the halves ask for others."""
+    machine, size = machine_by_seed(seed), 4000
+    other = replace(machine, stiffness=(stiffer * machine.stiffness[0],))
+    torque = 0.1 * machine.rated_torque * multisine(
+        np.linspace(0.05, 2.0, 12) * resonance(machine), 1.0, size * STEP, STEP, seed)[:size]
+    noise = white_noise(size, 0.002 * machine.rated_torque, 3 * seed)
+    early, late = (simulate_linear(m, torque, STEP, None, noise).speeds[:, 0] for m in (machine, other))
+    speed = np.where(np.arange(size) < size // 2, early, late)
+    record = experiment(torque, speed + white_noise(size, 1e-3 * np.abs(speed).max(), 3 * seed + 1))
+    free = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness",
+            "shaft.damping")
+    drive = drive_like(machine, list(free))
+    left = remainder(base_model(Task(drive, free, roles_of([record], drive), (record,)))).time
+    assert left > 25.0 if stiffer > 1.0 else left == 0.0

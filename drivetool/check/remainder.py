@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,12 +11,16 @@ from scipy.signal import lfilter
 from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Masks, Model, everything, fit, sensor_std, spread
 from drivetool.check.preflight import COARSE, resolution
-from drivetool.identify.noise import filtered
+from drivetool.drive.simulate import Filtered, Gains
+from drivetool.identify.least_squares import schur
+from drivetool.identify.noise import filtered, with_state
 from drivetool.identify.problem import Problem
 
 LAGS = 20
 PIECE = 0.1  # s over which the size of the innovations is compared
 BINS = 16  # of speed, torque and angle
+HALF_TOLD = 0.05  # of what is known of a direction, that each half of the records must tell
+ROUGHLY = 1e-9  # of the best known direction, below which rounding decides
 SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
 ROUNDED = 1.5  # by which the rounding of a logger may leave more than in a record that is made up
 
@@ -27,16 +32,18 @@ class Remainder:
     memory   innovations that repeat from sample to sample
     size     innovations that are larger in some places than in others
     place    a mean that depends on speed or torque
+    time     parameters that differ between the first and the second half of the records
     """
 
     memory: float
     size: float
     place: float
+    time: float = 0.0
 
     @property
     def total(self) -> float:
         """The largest of them: they overlap."""
-        return max(self.memory, self.size, self.place)
+        return max(self.memory, self.size, self.place, self.time)
 
 
 def remainder(model: Model) -> Remainder:
@@ -51,7 +58,7 @@ def remainder(model: Model) -> Remainder:
         return found
     rounding = _left(model, _logged_again(model, steps))
     return Remainder(*(max(0.0, getattr(found, name) - ROUNDED * getattr(rounding, name))
-                       for name in ("memory", "size", "place")))
+                       for name in ("memory", "size", "place", "time")))
 
 
 def faked(base: Model, cause: Model, masks: Masks) -> float:
@@ -116,7 +123,7 @@ def _left(model: Model, problem: Problem) -> Remainder:
     scale = np.sqrt(np.mean(np.concatenate(z) ** 2))
     z = [e / max(scale, 1e-300) for e in z]
     return Remainder(_memory(z), _size(z, max(lengths[0], 10)),
-                     max(_place(z, speed), _place(z, torque)))
+                     max(_place(z, speed), _place(z, torque)), _time(model, problem, passes))
 
 
 def _excess(chi: float, degrees: int) -> float:
@@ -145,6 +152,32 @@ def _size(z: list[np.ndarray], length: int) -> float:
     if within <= 0.0:
         return 0.0
     return _excess(float(np.sum((means - means.mean()) ** 2) / within), len(means) - 1)
+
+
+def _time(model: Model, problem: Problem, passes: Sequence[Filtered]) -> float:
+    """What the parameters would gain if each half of every record had its own.
+
+    By the slopes of the two halves at the common estimate, which are equal and opposite but for chance; in
+    directions of which both halves tell something.
+    """
+    told = []
+    for late in (False, True):
+        gains = [Gains(f.gains.gain, f.gains.weight * ((np.arange(len(f.innovations)) >= 0.5 * len(f.innovations))
+                                                       == late)[:, None]) for f in passes]
+        normal = problem.with_memory(model.noise.memory).normal(with_state(model.point, model.noise), gains)
+        matrix, slope, _ = schur(normal)
+        told.append((matrix, slope, normal.cost))
+    (first, down, one), (second, up, two) = told
+    size = np.sqrt(np.maximum(np.diag(first + second), 1e-300))
+    known, turn = np.linalg.eigh((first + second) / np.outer(size, size))
+    good = known > ROUGHLY * known.max()
+    turn = turn[:, good] / np.sqrt(known[good]) / size[:, None]
+    share, own = np.linalg.eigh(turn.T @ first @ turn)
+    both = (share > HALF_TOLD) & (share < 1.0 - HALF_TOLD)
+    turn, share = (turn @ own)[:, both], share[both]
+    apart = (1.0 - share) * (turn.T @ down) - share * (turn.T @ up)
+    variance = (one + two) / max(problem.count - problem.unknowns, 1)
+    return _excess(float(np.sum(apart**2 / (share * (1.0 - share)))) / variance, int(both.sum()))
 
 
 def _place(z: list[np.ndarray], where: list[np.ndarray]) -> float:

@@ -20,7 +20,7 @@ from drivetool.check.model_run import run_model
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
-from drivetool.errors import DriveToolError
+from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit
@@ -111,12 +111,23 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     experiment = experiment_of(between, verdict)
     sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf))
-    found = (*(f.finding for f in search.faults), *search.notes)
+    found = (*(f.finding for f in search.faults), *search.notes, *_changing(search))
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else faults,
         between if verdict == "undetermined" else (), experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+
+
+def _changing(search: Search) -> list[Finding]:
+    """What to say where the halves of the records ask for different parameters."""
+    if search.left.time <= UNEXPLAINED:
+        return []
+    return [Finding(
+        "warning", "parameters-change",
+        "The first half of the records asks for other parameters than the second: something changes while it is "
+        "recorded, with temperature or wear, say.", {"log_likelihood": float(search.left.time)},
+        "Fit halves by themselves to see which, and record after warming up.")]
 
 
 def _doubting(one: Round, code: str) -> Round:

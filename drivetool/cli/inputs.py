@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -133,12 +134,16 @@ def _shape(job: Job) -> Loaded | None:
     return shape
 
 
+# A number, and the unit behind it with or without a blank.
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|)\s*(.*)")
+
+
 def start_value(word: str, drive: Drive) -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
     from drivetool.files import units
 
     name, equals, rest = word.partition("=")
-    number, _, unit = rest.strip().partition(" ")
+    number, unit = _NUMBER.match(rest.strip()).groups()
     name = name.strip()
     wanted = drive.unit(name)
     try:

@@ -36,6 +36,7 @@ _TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "rev/s": ("speed", "rad/s", 2 * math.pi, ("r/s", "rps", "turn/s", "turns/s")),
     "m/s": ("speed", "m/s", 1.0, ("ms^-1", "m/sec")),
     "mm/s": ("speed", "m/s", 1e-3, ("mm/sec",)),
+    "km/h": ("speed", "m/s", 1.0 / 3.6, ("kmh", "kph")),
     "s": ("time", "s", 1.0, ("sec", "second", "seconds")),
     "ms": ("time", "s", 1e-3, ("msec",)),
     "us": ("time", "s", 1e-6, ("µs", "usec")),
