@@ -59,10 +59,10 @@ def test_words_reach_the_estimator(record, call):
 
 @pytest.mark.parametrize(("words", "code", "said"), [
     (("--method", "periodic", "--period", "15"), 1, "two periods"),
-    (("--estimator", "indirect"), 1, "reference"),
+    (("--estimator", "indirect"), 2, "reference"),
     (("--estimator", "h7"), 2, "h7"),
-    (("--curves", "multi.parquet"), 1, "inputs are never changed"),
-    (("--curves", "no/folder.parquet"), 1, "existing folder"),
+    (("--curves", "multi.parquet"), 2, "inputs are never changed"),
+    (("--curves", "no/folder.parquet"), 2, "existing folder"),
 ])
 def test_what_cannot_be_ends_with_a_sentence(record, call, words, code, said):
     before = (record / "multi.parquet").read_bytes()

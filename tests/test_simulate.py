@@ -121,9 +121,9 @@ def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
 
 
 @pytest.mark.parametrize("words, code, message", [
-    (["--out", "sim.csv"], 1, "ends in .parquet"), ([], 2, "--out"), (["--out", "none/s.parquet"], 1, "no folder"),
-    (["--out", "s.parquet", "--set", "load.inertia=-1"], 1, "between"),
-    (["--out", "s.parquet", "--segment", "0.001"], 1, "20 samples"),
+    (["--out", "sim.csv"], 2, "ends in .parquet"), ([], 2, "--out"), (["--out", "none/s.parquet"], 2, "no folder"),
+    (["--out", "s.parquet", "--set", "load.inertia=-1"], 2, "between"),
+    (["--out", "s.parquet", "--segment", "0.001"], 2, "20 samples"),
 ])
 def test_nothing_is_written_when_it_fails(tmp_path, call, monkeypatch, words, code, message):
     monkeypatch.chdir(tmp_path)
@@ -151,7 +151,7 @@ def test_effects_are_listed_with_all_they_say(call, monkeypatch):
     assert "Nordin" in gap["source"] and "shaft torque" in gap["needs"]
     assert yaml.safe_load(call("effects", "coulomb-load")[1])["code"] == "coulomb"
     code, out, err = call("effects", "backlas")
-    assert (code, out) == (1, "") and "Did you mean 'backlash'?" in err
+    assert (code, out) == (2, "") and "Did you mean 'backlash'?" in err
     monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
     table = re.sub(r"\x1b\[[0-9;]*m", "", call("effects")[1])
     assert all(e["code"] in table for e in listed) and max(map(len, table.splitlines())) <= 80
