@@ -14,12 +14,13 @@ from drivetool.check.preflight import COARSE, resolution
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import filtered, with_state
-from drivetool.identify.problem import Problem
+from drivetool.identify.problem import Normal, Problem
 
 LAGS = 20
 PIECE = 0.1  # s over which the size of the innovations is compared
 BINS = 16  # of speed, torque and angle
 HALF_TOLD = 0.05  # of what is known of a direction, that each half of the records must tell
+TRACE = 1e-6  # of what is known of a start state
 ROUGHLY = 1e-9  # of the best known direction, below which rounding decides
 SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
 ROUNDED = 1.5  # by which the rounding of a logger may leave more than in a record that is made up
@@ -160,24 +161,40 @@ def _time(model: Model, problem: Problem, passes: Sequence[Filtered]) -> float:
     By the slopes of the two halves at the common estimate, which are equal and opposite but for chance; in
     directions of which both halves tell something.
     """
-    told = []
+    halves = []
     for late in (False, True):
         gains = [Gains(f.gains.gain, f.gains.weight * ((np.arange(len(f.innovations)) >= 0.5 * len(f.innovations))
                                                        == late)[:, None]) for f in passes]
-        normal = problem.with_memory(model.noise.memory).normal(with_state(model.point, model.noise), gains)
-        matrix, slope, _ = schur(normal)
-        told.append((matrix, slope, normal.cost))
-    (first, down, one), (second, up, two) = told
-    size = np.sqrt(np.maximum(np.diag(first + second), 1e-300))
-    known, turn = np.linalg.eigh((first + second) / np.outer(size, size))
+        halves.append(problem.with_memory(model.noise.memory).normal(with_state(model.point, model.noise), gains))
+    (first, down), (second, up) = (_without_starts(half, halves) for half in halves)
+    whole = first + second
+    # A parameter of which nothing is known, on its bound say, is in no direction.
+    worth = np.diag(whole) * problem.size**2
+    if not np.all(np.isfinite(whole)) or not worth.max() > 0.0:
+        return 0.0
+    shown = np.flatnonzero(worth > ROUGHLY**2 * worth.max())
+    size = np.sqrt(np.diag(whole)[shown])
+    known, turn = np.linalg.eigh(whole[np.ix_(shown, shown)] / np.outer(size, size))
     good = known > ROUGHLY * known.max()
     turn = turn[:, good] / np.sqrt(known[good]) / size[:, None]
+    first, down, up = first[np.ix_(shown, shown)], down[shown], up[shown]
     share, own = np.linalg.eigh(turn.T @ first @ turn)
     both = (share > HALF_TOLD) & (share < 1.0 - HALF_TOLD)
     turn, share = (turn @ own)[:, both], share[both]
     apart = (1.0 - share) * (turn.T @ down) - share * (turn.T @ up)
-    variance = (one + two) / max(problem.count - problem.unknowns, 1)
+    variance = sum(half.cost for half in halves) / max(problem.count - problem.unknowns, 1)
     return _excess(float(np.sum(apart**2 / (share * (1.0 - share)))) / variance, int(both.sum()))
+
+
+def _without_starts(half: Normal, halves: Sequence[Normal]) -> tuple[np.ndarray, np.ndarray]:
+    """(matrix, slope) of the parameters by one half of the records, start states eliminated.
+
+    Of these the later half may know nothing at all: a trace of what both know keeps the equations solvable.
+    """
+    own = tuple(o + TRACE * np.diag(np.diag(sum(both))) for o, both in zip(
+        half.own, zip(*(h.own for h in halves), strict=True), strict=True))
+    matrix, slope, _ = schur(replace(half, own=own))
+    return matrix, slope
 
 
 def _place(z: list[np.ndarray], where: list[np.ndarray]) -> float:
