@@ -9,7 +9,7 @@ import pytest
 
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.identify.told_together import reverses
+from drivetool.identify.setup import reverses
 from tests.recover import STEP, drive_like, experiment, truth
 from tests.simulator.machine import Machine, at_rest, machine_by_seed, running
 from tests.simulator.records import white_noise

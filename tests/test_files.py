@@ -206,6 +206,10 @@ def test_what_a_link_points_to_is_written_and_a_pipe_is_fed(tmp_path):
     link.symlink_to(target)
     write.write_whole(link, "new")
     assert link.is_symlink() and target.read_text() == "new"
+    astray = tmp_path / "astray.yaml"
+    astray.symlink_to(tmp_path / "nowhere" / "x.yaml")
+    with pytest.raises(BadOption, match="nowhere"):  # before the work, not after it
+        write.check_target(astray)
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     write.write_whole(pipe, "fed")

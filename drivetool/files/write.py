@@ -18,7 +18,7 @@ def check_target(path: str | Path) -> Path:
     path = Path(path)
     if _takes_bytes(path):
         return path
-    folder = path.parent
+    folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
     if not folder.is_dir():
         raise BadOption(f"an existing folder to write {path.name} to", f"no folder {folder}",
                         "Make the folder first, or give another path.")

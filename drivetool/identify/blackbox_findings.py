@@ -13,7 +13,7 @@ from drivetool.identify.contact import opened_gaps, shut
 from drivetool.identify.engine import Outcome, Task, free_run
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.results import experiment_for
-from drivetool.identify.told_together import reverses
+from drivetool.identify.setup import reverses
 from drivetool.identify.transfer import Form
 
 # Log likelihood that the shaft must bring over one rigid body. Chance brings 6 on average and at most

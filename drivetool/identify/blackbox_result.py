@@ -22,8 +22,7 @@ from drivetool.identify.noise import filtered
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import Z95, covariance_of, held_uncertainty
-from drivetool.identify.setup import traces_of
-from drivetool.identify.told_together import reverses
+from drivetool.identify.setup import reverses, traces_of
 from drivetool.identify.transfer import VISCOUS, Form, impossible, to_physical
 
 ONE_SIDED = 1.645

@@ -34,10 +34,9 @@ from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.parts import parted, told_apart
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_point, roles_of
+from drivetool.identify.setup import first_point, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.task import has_gap
-from drivetool.identify.told_together import reverses
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 

@@ -18,6 +18,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.logs.experiment import Experiment
 
 INPUTS = ("motor_torque", "load_torque", "motor2_torque")
+WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
 SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
 # Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
 # measurement and must not count twice.
@@ -70,6 +71,20 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)
+
+
+def reverses(experiment: Experiment) -> bool:
+    """Whether the motor turns both ways for at least 2 % of the record each."""
+    if "motor_speed" in experiment.signals:
+        speed = experiment.signals["motor_speed"]
+    elif "motor_angle" in experiment.signals:
+        smooth = max(1, round(0.02 / experiment.step))
+        angle = experiment.signals["motor_angle"]
+        speed = angle[smooth:] - angle[:-smooth]
+    else:
+        return False
+    size = WAY * np.nanmax(np.abs(speed))
+    return bool(np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY)
 
 
 def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:

@@ -9,24 +9,8 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.identify.setup import reverses
 from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
-
-WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
-
-
-def reverses(experiment: Experiment) -> bool:
-    """Whether the motor turns both ways for at least 2 % of the record each."""
-    if "motor_speed" in experiment.signals:
-        speed = experiment.signals["motor_speed"]
-    elif "motor_angle" in experiment.signals:
-        smooth = max(1, round(0.02 / experiment.step))
-        angle = experiment.signals["motor_angle"]
-        speed = angle[smooth:] - angle[:-smooth]
-    else:
-        return False
-    size = WAY * np.nanmax(np.abs(speed))
-    return bool(np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY)
 
 
 def told_together(lines: Sequence[Parameter], covariance: Covariance | None, task: Task, known: Covariance | None,
