@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import agrees, compose, unsettled
 from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, coloured, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
-from drivetool.identify.greybox import chosen, expanded, split_totals, with_totals
+from drivetool.identify.greybox import ALL, chosen, expanded
 from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
@@ -26,6 +26,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import covariance_of
 from drivetool.identify.setup import first_states, roles_of
+from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
 
@@ -51,7 +52,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
     drive.require(drive.missing(), "a backlash fit")
     roles = roles_of(experiments, drive)
-    drive = with_totals(drive, options.free)
+    if {ALL, *TOTALS} & set(options.free):
+        drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
     free = chosen(drive, gaps, options)
@@ -63,7 +65,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         return _not_crossed(task, drive, shut, closed, options)
     loose, least = loosened(task, asked), {}
     if loose is None:
-        outcome = coloured(split_totals(fit_task(task, options, _starts(task, gaps, options)), asked))
+        outcome = coloured(split_totals(fit_apart(task, options, asked, _starts(task, gaps, options)), asked))
     else:
         outcome, least = _with_linear(loose, gaps, options, asked)
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None

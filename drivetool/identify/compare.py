@@ -16,7 +16,7 @@ from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
-from drivetool.identify.greybox import default_free, with_totals
+from drivetool.identify.greybox import default_free
 from drivetool.identify.options import Options
 from drivetool.identify.pem_figures import figures_of
 from drivetool.identify.pem_fit import PemFit, fit_structure
@@ -25,6 +25,7 @@ from drivetool.identify.realise import conversion, lines_of, ringing, ringing_wi
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit
+from drivetool.identify.sums import with_totals
 from drivetool.logs.experiment import Experiment
 
 PHYSICAL = ("physical", "physical-innovations")

@@ -14,6 +14,7 @@ from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.least_squares import Solution, approach, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio, remembering
 from drivetool.identify.options import Options
+from drivetool.identify.parts import shared_out
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.resonance import resonances
 from drivetool.identify.rough import balanced
@@ -23,31 +24,41 @@ from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.progress import counted
 
 __all__ = ["Outcome", "Task", "again", "by_innovations", "by_simulation", "coloured", "fit_task", "free_run",
-           "frozen", "looks_coloured", "segment_states"]
+           "frozen", "looks_coloured", "segment_of", "segment_states"]
 
 SEGMENT = 2.0  # s; longer free runs across a gap end in wrong optima
 SCREEN = 3  # rounds after which only the best two of several starts go on
 HOPEFUL = 50.0  # log likelihood behind the best so far up to which a descent goes on
+PARTS_BY = ("linear", 1.0)  # observer, and how hot, by which parts go on from where their sums led
 RARE = 50.7954897  # what a chi-square of 19 degrees exceeds once in ten thousand times
 COLOUR_GAIN = 10.0  # log likelihood that two more noise parameters must bring
 
 
-def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]]) -> Outcome:
-    """Fit by the criterion of the options, from every start; the best one counts."""
+def fit_task(task: Task, options: Options, starts: Sequence[Mapping[str, float]],
+             whole: Task | None = None) -> Outcome:
+    """Fit by the criterion of the options, from every start; the best one counts.
+
+    whole  the task with sums in place of some parts, in which an innovations fit across a gap finds its way in
+    """
     if not task.free:
         raise BadOption("at least one free parameter", "all held", "Release one with --free NAME.")
     if options.criterion == "simulation":
-        segment = SEGMENT if options.segment is None else options.segment
-        return by_simulation(task, segment, starts, options.seed, options.starts)
-    return by_innovations(task, starts, options.seed, options.starts)
+        return by_simulation(task, segment_of(options), starts, options.seed, options.starts)
+    return by_innovations(task, starts, options.seed, options.starts, whole=whole)
+
+
+def segment_of(options: Options) -> float:
+    """Length [s] of the segments of a simulation-error fit."""
+    return SEGMENT if options.segment is None else options.segment
 
 
 def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int = 1,
-                   most: int | None = None, search: Callable = searched) -> Outcome:
+                   most: int | None = None, search: Callable = searched, whole: Task | None = None) -> Outcome:
     """Innovations fit; across a gap from several starts, until two agree.
 
     most    starts across a gap; None: as many as it takes
     search  how the starts across a gap are found and descended from
+    whole   the task with sums in place of some parts, in which the starts are found and the descents begin
     """
     problem = task.problem()
     if not is_hard(task):
@@ -55,6 +66,8 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     linear = task.linear_problem()
 
     def descend(start: Task, way: str, hot: float, lowest: float) -> tuple[float, Fit, Task]:
+        if start.free != task.free:
+            start, way, hot = shared_out(_cooled_whole(start, way, hot), task), *PARTS_BY
         fit = by_cooling(start, problem, linear if way == "linear" else None, hot, SCREEN)
         if not fit.converged and fit.value < lowest + HOPEFUL:
             fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
@@ -63,7 +76,7 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     def gap(one: Fit, other: Fit) -> float:
         return apart(problem, one.solution, other.solution)
 
-    found = search(task, starts, seed, descend, gap, most)
+    found = search(whole or task, starts, seed, descend, gap, most)
     best = min((d.end for d in found), key=lambda f: f.value)
     if not best.converged:
         further = fit_innovations(problem, best.point, best.noise, arrived=True)
@@ -72,6 +85,13 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     tried = [{**_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+
+
+def _cooled_whole(start: Task, way: str, hot: float) -> Task:
+    """Where a task comes to through observers that listen less and less to the torque."""
+    problem = start.problem()
+    point = Point(values_of(start), first_states(start.drive, start.roles, problem.traces, start.free))
+    return start.at_point(cooled(problem, start.linear_problem() if way == "linear" else None, point, hot)[0])
 
 
 def by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float, most: int) -> Fit:

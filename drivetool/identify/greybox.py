@@ -18,24 +18,21 @@ from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, fit_percent
 from drivetool.identify.contact import opened_gaps
 from drivetool.identify.engine import (
-    SEGMENT,
     Outcome,
     Task,
     again,
     by_innovations,
     by_simulation,
     coloured,
-    fit_task,
     free_run,
+    segment_of,
 )
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.noise import normal_under
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
-from drivetool.identify.parts import parted, told_apart
-from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_point, reverses, roles_of
+from drivetool.identify.setup import reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
+from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
@@ -59,7 +56,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     """
     drive.require(drive.missing(), "the start of a grey-box fit")
     roles = roles_of(experiments, drive)
-    drive = with_totals(drive, options.free)
+    drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
     if options.criterion == "frequency":
@@ -67,7 +64,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
 
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments))
-    outcome, left = without_outliers(fit_task(task, options, [{}]))
+    outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     outcome = coloured(white)
     figures, findings = both_criteria(outcome, options)
@@ -106,17 +103,6 @@ def expanded(options: Options, drive: Drive, experiments: Sequence[Experiment]) 
     return replace(options, free=tuple(dict.fromkeys(free)))
 
 
-def with_totals(drive: Drive, free: Sequence[str]) -> Drive:
-    """Sums of friction instead of their parts, unless a part was asked for."""
-    if len(drive.bodies) == 1:
-        return drive
-    for total, suffix in TOTALS.items():
-        parts = [f"{b}.{suffix}" for b in drive.bodies]
-        if total not in drive.values and not any(p in free for p in parts):
-            drive = drive.with_values({total: drive.felt(suffix)})
-    return drive
-
-
 def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str, ...]:
     """The free parameters after --hold and --free, in the drive's order."""
     both = set(options.hold) & set(options.free)
@@ -126,26 +112,6 @@ def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str,
     for name in names:
         drive.quantity(name)
     return tuple(n for n in drive.quantities if n in names)
-
-
-def split_totals(outcome: Outcome, options: Options) -> Outcome:
-    """Free the parts of a friction sum where the record can tell them apart.
-
-    With a gap, a reversing drive, or a load sensor, friction on the motor and on the load act
-    differently, and a sum shared out by rule would be a wrong model.
-    """
-    for total in TOTALS:
-        if total not in outcome.task.free or total in options.free or total in options.hold:
-            continue
-        whole = outcome.drive.values[total]
-        for task, parts in parted(replace(outcome.task, drive=outcome.drive), total):
-            if _told_apart(task, outcome, parts, whole):
-                trial = (again(task, outcome.fit.noise) if outcome.fit is not None
-                         else by_simulation(task, _segment(options), [{}], near=True))
-                if _better(trial, outcome):
-                    outcome = trial
-                break
-    return outcome
 
 
 def dry_friction(outcome: Outcome, options: Options) -> Outcome:
@@ -161,34 +127,6 @@ def dry_friction(outcome: Outcome, options: Options) -> Outcome:
     free = tuple(n for n in drive.quantities if n in {*outcome.task.free, *names})
     trial = again(replace(outcome.task, drive=outcome.drive, free=free), outcome.fit.noise)
     return trial if trial.fit is not None and trial.fit.value < outcome.fit.value - SHOWS else outcome
-
-
-def _told_apart(task: Task, outcome: Outcome, parts: Sequence[str], whole: float) -> bool:
-    """Whether the record tells the parts, at the present estimate."""
-    problem = task.problem(_segment_of(outcome))
-    point = first_point(task.drive, problem, task.roles)
-    point = Point(point.values, outcome.solution.point.starts)
-    normal = (problem.normal(point) if outcome.fit is None
-              else normal_under(problem, point, outcome.fit.noise))
-    return told_apart(task, problem, point, normal, parts, whole)
-
-
-def _segment_of(outcome: Outcome) -> float:
-    whole = outcome.task.problem(free=())
-    if len(whole.traces) == len(outcome.problem.traces):
-        return 0.0
-    return outcome.problem.traces[0].size * outcome.problem.traces[0].step
-
-
-def _segment(options: Options) -> float:
-    return SEGMENT if options.segment is None else options.segment
-
-
-def _better(trial: Outcome, outcome: Outcome) -> bool:
-    """The parts never fit worse than their sum shared out by rule."""
-    if trial.fit is not None and outcome.fit is not None:
-        return trial.fit.value <= outcome.fit.value + 0.5
-    return trial.solution.cost <= outcome.solution.cost * (1.0 + 1e-9)
 
 
 def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float], list[Finding]]:
@@ -209,7 +147,7 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
 
     ways = {"innovations": lambda t: coloured(
                 by_innovations(t, [{}]) if outcome.fit is None else again(t, outcome.fit.noise)),
-            "simulation": lambda t: by_simulation(t, _segment(options), [{}], near=True)}
+            "simulation": lambda t: by_simulation(t, segment_of(options), [{}], near=True)}
     try:
         with ThreadPoolExecutor(len(ways)) as pool:
             found = list(pool.map(judged, ways.values()))

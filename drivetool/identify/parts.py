@@ -1,4 +1,4 @@
-"""A sum of friction and its parts: when a record tells them apart, and the task in which the parts are free."""
+"""A sum of friction and its parts: when a record tells them apart, and from what shares a fit begins."""
 
 from __future__ import annotations
 
@@ -8,13 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.chain import GEARED, TOTALS
-from drivetool.identify.least_squares import Solution
+from drivetool.identify.cooling import observers
+from drivetool.identify.least_squares import Solution, approach
+from drivetool.identify.noise import Noise, excerpt, natural_ratio
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.results import covariance_of
+from drivetool.identify.setup import first_point
 from drivetool.identify.task import Task
 
 IDLE = 0.03  # of the torque's rms, below which no idle torque is small
 SHARE = 1.0 / 3.0  # of the sum, that the standard deviation of each part must be below
+LOOK = 8000  # samples by which the shares are found
+HOT = (1.0, 0.1)  # torque noise of the observers there, over that which moves the output by its sensor noise
+ROUNDS = 5  # of each
 
 
 def parted(task: Task, total: str) -> list[tuple[Task, tuple[str, ...]]]:
@@ -58,3 +64,25 @@ def told_apart(task: Task, problem: Problem, point: Point, normal: Normal, parts
         std = np.sqrt(np.diag(covariance)[index]) * [drive.felt_share(p) for p in parts]
     return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
                 and np.all(std < size * SHARE))
+
+
+def shared_out(whole: Task, task: Task) -> Task:
+    """A task at the values of one with sums in place of its parts: shares as a first look at the record has them.
+
+    All but the frictions stays as it was. A start by rule alone can be far off: a motor with a dry gear and a
+    load on good bearings is no rare drive.
+    """
+    drive = whole.drive
+    for total in TOTALS:
+        if total in whole.free and total not in task.free:
+            drive = drive.with_values({p: max(v, drive.quantity(p).bounds[0])
+                                       for p, v in drive.parts(total, drive.values[total]).items()})
+    begun = replace(task, drive=drive)
+    hold = np.array([not n.endswith(tuple(f".{suffix}" for suffix in GEARED)) for n in task.free])
+    problem, linear = excerpt(begun.problem(), LOOK), excerpt(begun.linear_problem(), LOOK)
+    point = first_point(drive, problem, task.roles)
+    for share in HOT:
+        ratio = share * natural_ratio(problem, point)
+        gains = observers(problem, linear, point, Noise(ratio, None, problem.scale, ratio))
+        point, _ = approach(problem, point, gains, ROUNDS, hold=hold)
+    return begun.at_point(point)

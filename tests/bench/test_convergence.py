@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import Drive
+from drivetool.identify.backlash import backlash
 from drivetool.identify.engine import Task, by_innovations, by_simulation
 from drivetool.identify.greybox import chosen, default_free, greybox
 from drivetool.identify.options import Options
@@ -79,6 +80,31 @@ def test_the_estimate_says_how_its_starts_agreed():
             assert abs(p.value - case.truth[p.name]) < max(0.05 * case.truth[p.name], 3.0 * p.std)
             # What agreed did not end further apart than the interval is wide.
             assert estimate.starts.spread[p.name] < 4.0 * p.std
+
+
+def test_friction_on_one_body_alone_is_found_from_a_sum_shared_by_rule():
+    """By rule nine tenths of the viscous friction are the load's, which has none: ways that do not look fail."""
+    case = CASES["main"]
+    estimate = greybox([case.record()], case.start(0.4, 3001), Options(free=("shaft.half_gap",)))
+    assert estimate.starts.agreed >= 2 and estimate.starts.tried <= 4
+    found = {p.name: p for p in estimate.parameters}
+    for name in case.free:
+        p, true = found[name], case.truth[name]
+        assert p.std is not None and abs(p.value - true) < min(0.05 * abs(true), 4.0 * p.std), name
+    assert found["load.viscous"].ci95[1] < 0.01 * case.truth["motor.viscous"]
+    assert abs(found["motor.idle_torque"].value) < 4.0 * found["motor.idle_torque"].std
+
+
+def test_a_part_that_is_held_keeps_its_value_and_so_do_parts_that_backlash_is_given():
+    case = CASES["even"]
+    drive = case.start().with_values({"motor.viscous": 0.02})
+    kept = {p.name: p for p in greybox([case.record()], drive, Options(hold=("motor.viscous",))).parameters}
+    assert kept["motor.viscous"].value == 0.02 and kept["motor.viscous"].status == "held"
+    assert kept["load.viscous"].status != "held"
+    given = {p.name: p for p in backlash([case.record()], drive, Options(starts=1)).parameters}
+    assert given["motor.viscous"].value == 0.02 and "total.viscous" not in given
+    gap = given["shaft.half_gap"]
+    assert abs(gap.value - case.truth["shaft.half_gap"]) < 3.0 * gap.std
 
 
 @pytest.mark.study
