@@ -7,6 +7,7 @@ was not crossed" and "not distinguishable from zero, at most x" are answers.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import covariance_of
+from drivetool.identify.search import AT_ONCE
 from drivetool.identify.setup import first_states, roles_of
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
@@ -118,11 +120,13 @@ def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str,
             noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
         return minus_log_likelihood(filtered(problem, point, noise, keep=False)), noise
 
-    coarse = [look(share, None) for share in SCAN[::8]]
-    noise = min(coarse, key=lambda pair: pair[0])[1]
-    values = np.array([look(share, noise)[0] for share in SCAN])
-    lowest = valleys(values)[: 3 * VALLEYS]
-    lowest = sorted(lowest, key=lambda i: look(SCAN[i], None)[0])[: options.starts or VALLEYS]
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        coarse = list(pool.map(lambda share: look(share, None), SCAN[::8]))
+        noise = min(coarse, key=lambda pair: pair[0])[1]
+        values = np.array([value for value, _ in pool.map(lambda share: look(share, noise), SCAN)])
+        lowest = valleys(values)[: 3 * VALLEYS]
+        looks = dict(zip(lowest, pool.map(lambda i: look(SCAN[i], None)[0], lowest), strict=True))
+    lowest = sorted(lowest, key=looks.__getitem__)[: options.starts or VALLEYS]
     shares = [float(SCAN[i]) for i in lowest]
     if len(task.free) > len(gaps):  # the valleys lie elsewhere once the others move
         shares += SPREAD

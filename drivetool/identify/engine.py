@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from drivetool.identify.parts import shared_out
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.resonance import resonances
 from drivetool.identify.rough import balanced
-from drivetool.identify.search import Descent, apart, searched, values_of
+from drivetool.identify.search import AT_ONCE, Descent, apart, searched, values_of
 from drivetool.identify.setup import first_point, first_states
 from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.progress import counted
@@ -102,14 +103,18 @@ def by_cooling(start: Task, problem: Problem, linear: Problem | None, hot: float
     return fit_innovations(problem, point, noise, arrived=True, most=most)
 
 
-def again(task: Task, noise: Noise) -> Outcome:
-    """Innovations fit from the values and the noise of an earlier fit: one start will do."""
+def again(task: Task, noise: Noise, wanted: float = np.inf) -> Outcome:
+    """Innovations fit from the values and the noise of an earlier fit: one start will do.
+
+    wanted  -log likelihood to be reached, see `fit_innovations`
+    """
     if not is_hard(task):
         return by_innovations(task, [{}])
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     point = sides(problem, point, observers(problem, task.linear_problem(), point, noise))
-    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None, slow=None), arrived=True))
+    fit = settle(problem, fit_innovations(problem, point, replace(noise, memory=None, slow=None), arrived=True,
+                                          wanted=wanted))
     return Outcome(task, problem, fit.solution, fit, (_told(task, {"way": "again"}, fit, fit),), fit.converged)
 
 
@@ -131,29 +136,34 @@ def _told(task: Task, entry: dict, fit: Fit, best: Fit) -> dict:
 
 def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]]) -> Outcome:
     """From every start; with a gap also through the gains of the linear drive."""
-    fits: list[Fit] = []
-    tried = []
     several = len(starts) > 1
-    for values in counted("starts", starts, len(starts)):
+    most = SCREEN if several else 12
+
+    def direct(values: Mapping[str, float]) -> list[tuple[str, Fit]]:
         start = task.at(values)
         point = first_point(start.drive, problem, task.roles)
-        for way in _ways(start):
-            linear = None if way == "direct" else start.linear_problem()
-            fits.append(fit_innovations(problem, point, linear=linear, most=SCREEN if several else 12))
-            tried.append({"way": way, **{k: float(v) for k, v in values.items()}})
+        return [(way, fit_innovations(problem, point, linear=None if way == "direct" else start.linear_problem(),
+                                      most=most)) for way in _ways(start)]
+
+    fits: list[Fit] = []
+    tried = []
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        begun = list(counted("starts", pool.map(direct, starts), len(starts)))
+    for values, found in zip(starts, begun, strict=True):
+        start, told = task.at(values), {k: float(v) for k, v in values.items()}
+        fits += [fit for _, fit in found]
+        tried += [{"way": way, **told} for way, _ in found]
         if has_shape(task):
-            most = SCREEN if several else 12
-            begun = first_point(balanced(start).drive, problem, task.roles)
-            for place, noise in resonances(problem, begun, fits[-1]):
+            rough = first_point(balanced(start).drive, problem, task.roles)
+            for place, noise in resonances(problem, rough, fits[-1]):
                 fits.append(fit_innovations(problem, place, noise, arrived=True, most=most))
-                tried.append({"way": "along the stiffness", **{k: float(v) for k, v in values.items()}})
+                tried.append({"way": "along the stiffness", **told})
             best = min(fits, key=lambda f: f.value)
             if looks_coloured(filtered(problem, best.point, best.noise, keep=False)):
                 # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
                 fits.append(by_cooling(start, problem, None, 10.0, most))
                 fits.append(_through_simulation(start, problem, most))
-                tried += [{"way": way, **{k: float(v) for k, v in values.items()}}
-                          for way in ("cooled", "simulated")]
+                tried += [{"way": way, **told} for way in ("cooled", "simulated")]
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
     tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
     return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)

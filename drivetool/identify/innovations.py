@@ -19,8 +19,7 @@ from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likel
 from drivetool.identify.problem import Point, Problem
 
 WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
-
-
+EARLY, HOPELESS = 2, 1000.0  # rounds after which a fit that far above what is wanted is given up
 # Later rounds take few steps: across a gap the frozen-gain cost has other valleys to run off to.
 FEW = 4
 ANEW = 5  # rounds after which the noise is sought everywhere again: near the last, one that is none takes a dozen
@@ -49,7 +48,8 @@ class Fit:
 
 
 def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, *,
-                    linear: Problem | None = None, most: int = 12, arrived: bool = False) -> Fit:
+                    linear: Problem | None = None, most: int = 12, arrived: bool = False,
+                    wanted: float = np.inf) -> Fit:
     """Fit from a point.
 
     noise    first guess; None: estimated at the start point, where a large ratio found for a bad
@@ -57,6 +57,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
     linear   the problem whose gains are used in the first round instead of its own: without gap
              and friction they are constant, a second way into the optimum
     arrived  the point is near its optimum: few steps a round from the beginning
+    wanted   -log likelihood to be reached: what is far above it after a few rounds is given up
     returns  Fit
     """
     if noise is None:
@@ -79,6 +80,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)
         value = minus_log_likelihood(passes)
+        if rounds >= EARLY and value > wanted + HOPELESS:
+            break
         still = moved < 0.05 and (change < 0.05 or (bool(lowest) and abs(value - before) < 0.02))
         before = value
         lowest.append(min(value, lowest[-1]) if lowest else value)

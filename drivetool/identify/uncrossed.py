@@ -43,7 +43,7 @@ def never_crossed(outcome: Outcome, gap: str) -> tuple[Outcome, float] | None:
     value, rest = task.drive.value(gap) or 0.0, tuple(n for n in task.free if n != gap)
     if outcome.fit is None or not rest or value <= 0.0:
         return None
-    wide = again(replace(task.at({gap: WIDE * value}), free=rest), outcome.fit.noise)
+    wide = again(replace(task.at({gap: WIDE * value}), free=rest), outcome.fit.noise, outcome.fit.value)
     filled = _filled(wide, gap) if wide.fit.value < outcome.fit.value + GRAZE else None
     if filled is None:
         return None
