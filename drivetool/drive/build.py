@@ -59,10 +59,12 @@ def _machine() -> llvm.TargetMachine:
     """This processor, with addresses of any length: code and libraries may lie far apart."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple()
+    target, features = llvm.Target.from_default_triple(), llvm.get_host_cpu_features().flatten()
+    x86 = target.name.startswith("x86")
+    # Columns come in fours: longer vectors would leave a rest to be done number by number.
     return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3, jit=True,
-        reloc="static" if target.name.startswith("x86") else "default", codemodel="jitdefault")
+        cpu=llvm.get_host_cpu_name(), features=features + ",+prefer-256-bit" if x86 else features, opt=3, jit=True,
+        reloc="static" if x86 else "default", codemodel="jitdefault")
 
 
 if __name__ == "__main__":

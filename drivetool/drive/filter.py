@@ -6,7 +6,7 @@ from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
-from drivetool.drive.kernel import fading, forget
+from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.run import law_part, output_row, plain_step, reclassify, reveal
@@ -43,22 +43,32 @@ def add_noise(leap, k, row, b):
 
 
 @njit(**HOT)
-def update(p, row, r, gain):
-    """Measurement update of the covariance p (n, n); returns the variance of the innovation."""
-    nx = p.shape[0]
-    var = r
+def update(p, row, pick, r, gain):
+    """Measurement update of the covariance p (n, n); returns the variance of the innovation.
+
+    pick  state that is measured, or -1 where row (n,) tells what is
+    """
+    nx, var = p.shape[0], r
+    if pick >= 0:
+        for j in range(nx):
+            gain[j] = p[j, pick]
+        var += gain[pick]
+    else:
+        for j in range(nx):
+            v = 0.0
+            for k in range(nx):
+                v += p[j, k] * row[k]
+            gain[j] = v
+            var += row[j] * v
+    share = 1.0 / var
     for j in range(nx):
-        v = 0.0
-        for k in range(nx):
-            v += p[j, k] * row[k]
-        gain[j] = v
-        var += row[j] * v
-    for j in range(nx):
-        for k in range(j + 1):
-            p[j, k] -= gain[j] * gain[k] / var
+        g = gain[j] * share
+        for k in range(j):
+            p[j, k] -= g * gain[k]
             p[k, j] = p[j, k]
+        p[j, j] -= g * gain[j]
     for j in range(nx):
-        gain[j] /= var
+        gain[j] *= share
     return var
 
 
@@ -83,17 +93,56 @@ def advance_covariance(p, f, noise, q, extra, t):
 
 
 @njit(**HOT)
+def advance_three(p, f, noise, q, extra):
+    """The same for three states, which is most of a pass over the record of a two-mass drive."""
+    f00, f01, f02 = f[0, 0], f[0, 1], f[0, 2]
+    f10, f11, f12 = f[1, 0], f[1, 1], f[1, 2]
+    f20, f21, f22 = f[2, 0], f[2, 1], f[2, 2]
+    a, b, c, d, e, g = p[0, 0], p[1, 0], p[1, 1], p[2, 0], p[2, 1], p[2, 2]
+    t00, t01, t02 = f00 * a + f01 * b + f02 * d, f00 * b + f01 * c + f02 * e, f00 * d + f01 * e + f02 * g
+    t10, t11, t12 = f10 * a + f11 * b + f12 * d, f10 * b + f11 * c + f12 * e, f10 * d + f11 * e + f12 * g
+    t20, t21, t22 = f20 * a + f21 * b + f22 * d, f20 * b + f21 * c + f22 * e, f20 * d + f21 * e + f22 * g
+    k0, k1, k2 = noise[0], noise[1], noise[2]
+    p[0, 0] = (t00 * f00 + t01 * f01 + t02 * f02) + (q * k0 * k0 + extra[0])
+    p[1, 1] = (t10 * f10 + t11 * f11 + t12 * f12) + (q * k1 * k1 + extra[1])
+    p[2, 2] = (t20 * f20 + t21 * f21 + t22 * f22) + (q * k2 * k2 + extra[2])
+    p[1, 0] = p[0, 1] = (t10 * f00 + t11 * f01 + t12 * f02) + q * k1 * k0
+    p[2, 0] = p[0, 2] = (t20 * f00 + t21 * f01 + t22 * f02) + q * k2 * k0
+    p[2, 1] = p[1, 2] = (t20 * f10 + t21 * f11 + t22 * f12) + q * k2 * k1
+
+
+@njit(**HOT)
+def glided(c, reach, k, mode, x, u, i, moved, noise, b):
+    """Carry x over a sample in the mode of slot k; False, and nothing moved, if an event may lie in it.
+
+    moved  gets the transition, noise what a torque held over the sample leaves in each state
+    """
+    predict(c.leap, k, x, u, i, b)
+    if not stays(c.watch, c.looks, reach, c.hold, k, mode, x, b, u, i):
+        return False
+    nx = x.size
+    for j in range(nx):
+        x[j] = b[j]
+        noise[j] = c.leap[k, j, nx]
+        for m in range(nx):
+            moved[j, m] = c.leap[k, j, m]
+    return True
+
+
+@njit(**HOT)
 def correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov):
     """Measurement updates of sample i: state, covariance, gains and innovations."""
     for m in range(innov.shape[1]):
-        e = y[i, m] - output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
-        if laws is not None:
+        pick = picks[m]
+        v = x[pick] if pick >= 0 else output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row)
+        e = y[i, m] - v
+        if laws is not None and pick < 0:
             see_through(laws, row)
         innov[i, m] = e
         var[i, m] = 1.0
         known = e == e
         if known:
-            var[i, m] = update(p, row, r[m], k)
+            var[i, m] = update(p, row, pick, r[m], k)
         for j in range(p.shape[0]):
             if gain.shape[0] > 0:
                 gain[i, m, j] = k[j] if known else 0.0
@@ -126,13 +175,18 @@ def filter_through(s, c, laws, f, q, clock):
         correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
         if n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             number = -1
-        for j in range(nx):
+        if states.shape[0] > 0:
+            for j in range(nx):
+                states[i, j] = x[j]
+        easy = False
+        if laws is None and parts == 1:
+            number = lookup(s, c, mode, 0) if number < 0 else number
+            easy = glided(c, reach, number, mode, x, u, i, moved, noise, b)
+        for j in range(0 if easy else nx):
             for m in range(nx):
                 moved[j, m] = 1.0 if j == m else 0.0
-            if states.shape[0] > 0:
-                states[i, j] = x[j]
             noise[j] = 0.0
-        for part in range(parts):
+        for part in range(0 if easy else parts):
             held = late if part < early else u
             if laws is None and (number < 0 or parts > 1):
                 number = lookup(s, c, mode, part)
@@ -147,7 +201,10 @@ def filter_through(s, c, laws, f, q, clock):
         for j in range(nx):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)
-        advance_covariance(p, moved, noise, q, extra, t)
+        if nx == 3:
+            advance_three(p, moved, noise, q, extra)
+        else:
+            advance_covariance(p, moved, noise, q, extra, t)
 
 
 @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)

@@ -126,7 +126,7 @@ def turn_three(e, b0, b1, b2):
 
 
 @njit(**APART)
-def propagate_three(e, d, x0, x1, x2, u0, b0, b1, b2):
+def three_rows(e, d, x0, x1, x2, u0, b0, b1, b2):
     """The same for three states and one input, the two-mass drive: in place, row by row of big.
 
     e (3, nz) and d (3, nz, nq) are leap and dleap of the mode
@@ -145,29 +145,52 @@ def propagate_three(e, d, x0, x1, x2, u0, b0, b1, b2):
     turn_three(e, b0[nq:], b1[nq:], b2[nq:])
 
 
+@njit(**HOT)
+def propagate_three(e, d, x, u0, big):
+    """big = leap big + dleap z in place, for three states and one input."""
+    three_rows(e, d, x[0], x[1], x[2], u0, big[0], big[1], big[2])
+
+
 @njit(**APART)
-def propagate_five(e, d, k, x, u, i, big, t):
-    """The same for the three-mass drive."""
-    x0, x1, x2, x3, x4, u0 = x[0], x[1], x[2], x[3], x[4], u[i, 0]
+def turn_five(e, b0, b1, b2, b3, b4):
+    """The same as turn_three for five states."""
+    for q in range(b0.size):
+        v0, v1, v2, v3, v4 = b0[q], b1[q], b2[q], b3[q], b4[q]
+        b0[q] = (e[0, 0] * v0 + e[0, 1] * v1) + (e[0, 2] * v2 + e[0, 3] * v3) + e[0, 4] * v4
+        b1[q] = (e[1, 0] * v0 + e[1, 1] * v1) + (e[1, 2] * v2 + e[1, 3] * v3) + e[1, 4] * v4
+        b2[q] = (e[2, 0] * v0 + e[2, 1] * v1) + (e[2, 2] * v2 + e[2, 3] * v3) + e[2, 4] * v4
+        b3[q] = (e[3, 0] * v0 + e[3, 1] * v1) + (e[3, 2] * v2 + e[3, 3] * v3) + e[3, 4] * v4
+        b4[q] = (e[4, 0] * v0 + e[4, 1] * v1) + (e[4, 2] * v2 + e[4, 3] * v3) + e[4, 4] * v4
+
+
+@njit(**APART)
+def source_of_five(d, x0, x1, x2, x3, x4, u0, b):
+    """Add to a row of big what its own source gives: d (7, nq) over [x, u, 1]."""
+    for q in range(b.size):
+        b[q] += ((d[0, q] * x0 + d[1, q] * x1) + (d[2, q] * x2 + d[3, q] * x3)
+                 + (d[4, q] * x4 + d[5, q] * u0) + d[6, q])
+
+
+@njit(**HOT)
+def propagate_five(e, d, x, u0, big):
+    """The same for the three-mass drive: in place."""
+    x0, x1, x2, x3, x4 = x[0], x[1], x[2], x[3], x[4]
+    turn_five(e, big[0], big[1], big[2], big[3], big[4])
+    nq = d.shape[2]
     for r in range(5):
-        e0, e1, e2, e3, e4 = e[k, r, 0], e[k, r, 1], e[k, r, 2], e[k, r, 3], e[k, r, 4]
-        for q in range(big.shape[1]):
-            t[r, q] = (e0 * big[0, q] + e1 * big[1, q]) + (e2 * big[2, q] + e3 * big[3, q]) + e4 * big[4, q]
-        for q in range(d.shape[3]):
-            t[r, q] += ((d[k, r, 0, q] * x0 + d[k, r, 1, q] * x1) + (d[k, r, 2, q] * x2 + d[k, r, 3, q] * x3)
-                        + (d[k, r, 4, q] * x4 + d[k, r, 5, q] * u0) + d[k, r, 6, q])
+        source_of_five(d[r], x0, x1, x2, x3, x4, u0, big[r, :nq])
 
 
 @njit(**HOT)
 def propagate(leap, dleap, k, x, u, i, big, t):
     """big = leap big + dleap z, through the scratch t."""
     if x.size == 3 and u.shape[1] == 1:
-        propagate_three(leap[k], dleap[k], x[0], x[1], x[2], u[i, 0], big[0], big[1], big[2])
+        propagate_three(leap[k], dleap[k], x, u[i, 0], big)
         return
     if x.size == 5 and u.shape[1] == 1:
-        propagate_five(leap, dleap, k, x, u, i, big, t)
-    else:
-        propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
+        propagate_five(leap[k], dleap[k], x, u[i, 0], big)
+        return
+    propagate_any(leap, dleap, k, x, u, i, big, x.size, t)
     for r in range(x.size):
         for q in range(big.shape[1]):
             big[r, q] = t[r, q]

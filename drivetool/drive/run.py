@@ -6,6 +6,7 @@ from numba import njit
 
 from drivetool.drive.compiled import APART, COMPILE, HOT, unit
 from drivetool.drive.events import rough_step, switch_late
+from drivetool.drive.glide import glide_five, glide_three
 from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
@@ -157,7 +158,13 @@ def go_through(s, c, laws, p, clock):
     if p.fresh != 0:
         reclassify(spring, slip_rows, reach, x, mode, guards)
     observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
-    for i in range(u.shape[0]):
+    size, i = glides(s, c, p) if laws is None and fades < 0 else 0, 0
+    while i < u.shape[0]:
+        if laws is None and size > 0:
+            first = slots(s, c, mode)[0] if first < 0 else first
+            i = glide_three(s, c, p, first, i) if size == 3 else glide_five(s, c, p, first, i)
+            if i == u.shape[0]:
+                break
         if states.shape[0] > 0:
             for j in range(x.size):
                 states[i, j] = x[j]
@@ -184,7 +191,18 @@ def go_through(s, c, laws, p, clock):
                 switch_late(c.late, s, c, x, u[i], late[i], big, mode, first)
                 first = -1
         forget(memory, fades, x, big)
+        i += 1
     return located
+
+
+@njit(**COMPILE)
+def glides(s, c, p):
+    """How many states a pass has that glide.py can take from event to event, 0 if it cannot."""
+    for pick in s.picks:
+        if pick < 0:
+            return 0
+    plain = s.nu == 1 and s.spans.size == 1 and c.late == 0 and p.gain.shape[0] == 0 and p.states.shape[0] == 0
+    return s.nx if plain and (s.nx == 3 or s.nx == 5) else 0
 
 
 @njit(**HOT)
