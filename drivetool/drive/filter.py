@@ -7,9 +7,11 @@ from numba import njit
 from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
 from drivetool.drive.kernel import fading, forget, predict, stays
-from drivetool.drive.laws import slope_of
+from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.run import law_part, output_row, plain_step, reclassify, reveal
+from drivetool.drive.smooth import law_motion, law_transition
+from drivetool.drive.smooth_events import law_rough_step
 from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
 
 
@@ -112,21 +114,55 @@ def advance_three(p, f, noise, q, extra):
 
 
 @njit(**HOT)
-def glided(c, reach, k, mode, x, u, i, moved, noise, b):
-    """Carry x over a sample in the mode of slot k; False, and nothing moved, if an event may lie in it.
+def glided(s, c, laws, k, x, u, i, clock, mode, moved, noise, b):
+    """Carry x over a sample in the mode of slot k; False if an event may lie in it.
 
     moved  gets the transition, noise what a torque held over the sample leaves in each state
     """
-    predict(c.leap, k, x, u, i, b)
-    if not stays(c.watch, c.looks, reach, c.hold, k, mode, x, b, u, i):
-        return False
-    nx = x.size
-    for j in range(nx):
+    n, first = noise.size, x.size
+    if laws is None:
+        predict(c.leap, k, x, u, i, b)
+        if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
+            return False
+        for j in range(n):
+            for m in range(n):
+                moved[j, m] = c.leap[k, j, m]
+    else:
+        if not law_motion(s, c, laws, k, 0, x, u, i, clock, mode, b, c.lines[0]):
+            return False
+        law_transition(c, laws, k, moved, c.vectors[3])
+    for j in range(n):
         x[j] = b[j]
-        noise[j] = c.leap[k, j, nx]
-        for m in range(nx):
-            moved[j, m] = c.leap[k, j, m]
+        noise[j] = c.leap[k, j, first]
     return True
+
+
+@njit(**HOT)
+def by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t):
+    """The same where the torque switches inside the sample, or an event lies in it; returns the slot at its end."""
+    n, parts = noise.size, s.spans.size
+    for j in range(n):
+        for m in range(n):
+            moved[j, m] = 1.0 if j == m else 0.0
+        noise[j] = 0.0
+    for part in range(parts):
+        held = late if part < s.early else u
+        if laws is None:
+            number = lookup(s, c, mode, part)
+            if parts == 1 or not plain_step(c.leap, c.dleap, c.watch, c.looks, s.reach, c.hold, number, x, held, i,
+                                            moved, mode, b, t):
+                rough_step(c.rough, s, c, x, held, i, moved, mode, part)
+                number = lookup(s, c, mode, part)
+        else:
+            if parts == 1:
+                law_rough_step(laws.rough, s, c, laws, x, held, i, clock, moved, mode, part)
+                number = -1
+            else:
+                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b)
+            number = lookup(s, c, mode, part) if number < 0 else number
+            clock += s.spans[part]
+        add_noise(c.leap, number, noise, b)
+    return number
 
 
 @njit(**HOT)
@@ -162,10 +198,9 @@ def filter_through(s, c, laws, f, q, clock):
     nx = s.plain
     u, late, y, r, extra, kick, p, x, mode = f.u, f.late, f.y, f.r, f.extra, f.kick, f.p, f.x, f.mode
     gain, var, innov, states = f.gain, f.var, f.innov, f.states
-    leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
-    spring, slip_rows, picks = s.spring, s.slip_rows, s.picks
-    reach, level, outputs, output_gap, memory = s.reach, c.hold, s.outputs, s.output_gap, s.memory
-    n, parts, early, fades, number = mode.size, s.spans.size, s.early, fading(memory), -1
+    guards, spring, slip_rows, picks = c.guards, s.spring, s.slip_rows, s.picks
+    reach, outputs, output_gap, memory = s.reach, s.outputs, s.output_gap, s.memory
+    n, whole, fades, number, length = mode.size, s.spans.size == 1, fading(memory), -1, s.spans.sum()
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     moved, t = c.transition, c.columns[0]
     reclassify(spring, slip_rows, reach, x, mode, guards)
@@ -178,26 +213,13 @@ def filter_through(s, c, laws, f, q, clock):
         if states.shape[0] > 0:
             for j in range(nx):
                 states[i, j] = x[j]
-        easy = False
-        if laws is None and parts == 1:
+        if whole:
             number = lookup(s, c, mode, 0) if number < 0 else number
-            easy = glided(c, reach, number, mode, x, u, i, moved, noise, b)
-        for j in range(0 if easy else nx):
-            for m in range(nx):
-                moved[j, m] = 1.0 if j == m else 0.0
-            noise[j] = 0.0
-        for part in range(0 if easy else parts):
-            held = late if part < early else u
-            if laws is None and (number < 0 or parts > 1):
-                number = lookup(s, c, mode, part)
-            if laws is not None:
-                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b)
-                number = lookup(s, c, mode, part) if number < 0 else number
-                clock += s.spans[part]
-            elif not plain_step(leap, dleap, watch, looks, reach, level, number, x, held, i, moved, mode, b, t):
-                rough_step(c.rough, s, c, x, held, i, moved, mode, part)
-                number = lookup(s, c, mode, part)
-            add_noise(leap, number, noise, b)
+            if laws is not None and s.nf > 0:
+                set_hold(s, c, laws, clock)
+        if not whole or not glided(s, c, laws, number, x, u, i, clock, mode, moved, noise, b):
+            number = by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t)
+        clock += length
         for j in range(nx):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)

@@ -119,8 +119,8 @@ def meet(s, c, laws, k, h, x, time, mode, mid, b):
 
 
 @njit(**HOT)
-def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
-    """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
+def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+    """Torques and states at middle and end of a part of a sample; False if an event may lie in it."""
     h, n = s.spans[part], laws.first
     first_guess(s, laws, x, time, mode)
     for r in range(n):
@@ -133,11 +133,64 @@ def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
             b[at], b[at + 1], b[at + 2] = x[at + 2], x[at + 2], x[at + 2]
         if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
             return False
+    return True
+
+
+@njit(**HOT)
+def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
+    """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
+    if not law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+        return False
     if big.shape[1] > 0:
         law_columns(laws.columns, s, c, laws, k, x, u, i, mode, mid, b, big)
-    for r in range(n):
+    for r in range(laws.first):
         x[r] = b[r]
     return True
+
+
+@njit(**HOT)
+def law_transition(c, laws, k, moved, slope):
+    """moved (n, n) = derivative of the state after a part over that before it; its torques have been found.
+
+    What law_columns would make of the identity. slope (n,) is scratch
+    """
+    n, nl, found, right, end, begun = laws.first, laws.code.size, laws.found, laws.right, laws.after, laws.slopes
+    for m in range(nl):
+        slope_of(laws.arguments, m, found[0, m], begun[m], n)
+    for r in range(n):
+        for j in range(n):
+            end[r, j] = through_start(c.leap[k, r], begun, n, nl, j)
+    for m in range(nl):
+        slope_of(laws.arguments, m, found[1, m], slope, n)
+        for j in range(n):
+            right[m, j] = 0.0
+        for r in range(n):
+            if slope[r] != 0.0:
+                for j in range(n):
+                    right[m, j] += slope[r] * through_start(c.mid[k, r], begun, n, nl, j)
+        slope_of(laws.arguments, m, found[2, m], slope, n)
+        for j in range(n):
+            v = 0.0
+            for r in range(n):
+                v += slope[r] * end[r, j]
+            right[nl + m, j] = v
+    solve(laws.weight, laws.spare, right, n)
+    for r in range(n):
+        row = c.leap[k, r]
+        for j in range(n):
+            v = end[r, j]
+            for m in range(nl):
+                v += row[n + 3 * m + 1] * right[m, j] + row[n + 3 * m + 2] * right[nl + m, j]
+            moved[r, j] = v
+
+
+@njit(**HOT)
+def through_start(row, begun, n, nl, j):
+    """Derivative of a row of a step over state j, by itself and through the torques at the start."""
+    v = row[j]
+    for m in range(nl):
+        v += row[n + 3 * m] * begun[m, j]
+    return v
 
 
 @njit(**APART)
