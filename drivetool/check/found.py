@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from drivetool.check.decide import Decision
+
+APART = 0.1  # relative difference from which a ripple is of another order, a step at another instant
 
 
 @dataclass
@@ -16,6 +19,7 @@ class Found:
     rivals    cause -> what explains the records as well; tied: cause -> all that did in its round
     evidence  cause -> log10 of the evidence
     added     cause -> names of the parameters that it freed
+    places    cause -> of each that tied with it, the order or instant that it was searched for, if any
     gained    log likelihood by all of them on data held out
     """
 
@@ -24,11 +28,19 @@ class Found:
     tied: dict[str, tuple[str, ...]] = field(default_factory=dict)
     evidence: dict[str, float] = field(default_factory=dict)
     added: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    places: dict[str, Mapping[str, float]] = field(default_factory=dict)
     gained: float = 0.0
 
-    def take(self, code: str, decision: Decision, added: Sequence[str], gain: float) -> None:
-        """A further cause, as a round has decided; which parameters it frees, and what it gains."""
-        self.rivals = rivals_with(self.rivals, code, decision.between)
+    def take(self, code: str, decision: Decision, added: Sequence[str], gain: float,
+             places: Mapping[str, float] = MappingProxyType({})) -> None:
+        """A further cause, as a round has decided; which parameters it frees, and what it gains.
+
+        places  order or instant of each cause that ties, where it has one
+        """
+        elsewhere = [c for c, own in self.places.items()
+                     if code in own and abs(own[code] - places.get(code, own[code])) > APART * abs(own[code])]
+        self.rivals = rivals_with(self.rivals, code, decision.between, elsewhere)
+        self.places[code] = dict(places)
         self.tied[code], self.evidence[code], self.added[code] = decision.between, decision.evidence, tuple(added)
         self.causes.append(code)
         self.gained += gain
@@ -73,15 +85,17 @@ class Found:
 
 
 def rivals_with(rivals: Mapping[str, Sequence[str]], code: str, between: Sequence[str],
-                ) -> dict[str, tuple[str, ...]]:
+                elsewhere: Sequence[str] = ()) -> dict[str, tuple[str, ...]]:
     """Cause -> what explains the record as well, once a further cause is found.
 
     A rival of an earlier cause that is found, too, is there beside it: not one or the other, but both. So is what
     the record does not tell from that rival.
 
-    between  the causes that explained the record equally well in this round, the one that is taken among them
+    between    the causes that explained the record equally well in this round, the one that is taken among them
+    elsewhere  earlier causes whose rival of that code was a ripple of another order, say: that is not found yet
     """
-    left = {c: tuple(r for r in others if code not in others or r not in between) for c, others in rivals.items()}
+    left = {c: tuple(r for r in others if c in elsewhere or code not in others or r not in between)
+            for c, others in rivals.items()}
     return left | {code: tuple(c for c in between if c != code)}
 
 

@@ -11,6 +11,7 @@ from drivetool.check.candidates import Candidate, Start, motion, travel, why_abs
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.model import Masks, Model, fit, judge
+from drivetool.check.scan import EARLY
 from drivetool.check.structure import carried, tip_names
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
@@ -189,6 +190,8 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
         return replace(tried, reason="it would take longer than the record to show", absent="no-gain")
     if tried.model is not None and _unrepeated(tried.model):
         return replace(tried, reason="it would not repeat in the record", absent="no-gain")
+    if tried.model is not None and _at_an_end(tried.model):
+        return replace(tried, reason="it would set in where the record begins or ends", absent="no-gain")
     longer = tried.model is not None and tried.model.task.drive.bodies != base.task.drive.bodies
     if not (tried.smallest or longer) or tried.model is None:
         return tried
@@ -214,6 +217,20 @@ def _unrepeated(model: Model) -> bool:
     """Whether the motor does not go through a period of a ripple: then it is an offset by another name."""
     values = zip(model.task.free, model.point.values, strict=True)
     return any(n.endswith(".ripple_order") and value * travel(model) < 2.0 * np.pi for n, value in values)
+
+
+def _at_an_end(model: Model) -> bool:
+    """Whether a load sets in so near to an end of every stretch that nothing tells it from a sample gone wrong."""
+    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(".step_time")]
+    return any(not any(t.origin + EARLY <= time <= t.origin + t.size * t.step - EARLY for t in model.problem.traces)
+               for time in times)
+
+
+def place_of(model: Model) -> float | None:
+    """The order of a ripple, or the instant at which a load sets in; None of a cause without."""
+    found = [v for n, v in model.fitted.drive.values.items()
+             if n in model.task.free and n.endswith((".ripple_order", ".step_time"))]
+    return float(found[-1]) if found else None
 
 
 def _needed(model: Model, base: Model, masks: Masks) -> bool:

@@ -25,6 +25,7 @@ from drivetool.check.hypothesis import (
     also,
     as_special_case,
     attempt,
+    place_of,
     polished,
     sizeable,
     without,
@@ -48,7 +49,7 @@ JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
 LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
-RUINED = 10.0  # of that error, from which it is no law, however likely single steps become
+RUINED = 2.0  # of that error, beyond its scatter, from which it is no law, however likely single steps become
 AGAINST = "free runs over data held out become worse with it"
 ONE_PLACE = "nearly all that it gains on data held out lies in one place"
 FAKED = 0.5  # of what a cause gains, that it may gain on records of the base logged in the same steps
@@ -112,7 +113,7 @@ class Search:
             if decision.best is None or last or self.unasked:
                 stage = None
             else:
-                self._adopt(decision)
+                self._adopt(decision, scores)
             self.rounds.append(Round(self.found.causes[-1] if stage else None, results, stage))
             self.left = remainder(self.model)
             if stage is None:
@@ -269,7 +270,7 @@ class Search:
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
-            ruined = stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
+            ruined = change > max((RUINED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_std)
             why = AGAINST if ruined else why if s.gain < LITTLE * self.found.gained else ""
             if self.made_of_steps(s):
                 why = STEPS
@@ -283,11 +284,13 @@ class Search:
         """Whether records of the base, logged in the steps of these, would show much of a cause that it lacks."""
         return faked(self.model, one.model, self.masks) > FAKED * one.lead
 
-    def _adopt(self, decision: Decision) -> None:
+    def _adopt(self, decision: Decision, scores: Sequence[Score]) -> None:
         """Make the winner the base of the next round."""
         best = decision.best
         added = [n for n in best.model.task.free if n not in self.model.task.free]
-        self.found.take(best.model.code, decision, added, best.gain)
+        places = {s.model.code: place for s in scores if s.model.code in decision.between
+                  and (place := place_of(s.model)) is not None}
+        self.found.take(best.model.code, decision, added, best.gain, places)
         self.ends = {}  # they lack what is adopted now
         rested = returned(at_rest(best.model, self.masks), self.begun, self.masks)
         # Across a gap, say, friction of the motor and of the load are no longer the same.
@@ -347,6 +350,11 @@ class Search:
         """From the first base to the last model."""
         gain = self.gain_between(tuple(f.trained for f in self.first_folds), self.trained)
         return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
+
+    def give_up(self) -> None:
+        """Stand on the first base again: what was found spoils free runs, and is nobody's model of the machine."""
+        self.model, self.trained = self.first, tuple(f.trained for f in self.first_folds)
+        self.found, self.left = Found(), remainder(self.first)
 
     @property
     def confident(self) -> bool:

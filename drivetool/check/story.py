@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
 UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
+WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes that are true do not raise it
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
@@ -108,6 +109,11 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         verdict, doubted = "undetermined", max(search.found.causes, key=lambda c: search.found.evidence[c])
         causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
         search.rounds = [_doubting(one, doubted) for one in search.rounds]
+    if search.found.causes and doubtful(search, estimate, gain):
+        verdict = "unexplained"
+        if spoils(gain):
+            search.give_up()
+            gain, estimate = search.total_gain(), estimate_of(search, before, options)
     experiment = experiment_of(between, verdict)
     sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf))
@@ -119,6 +125,23 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
 
 
+def doubtful(search: Search, estimate: Estimate, gain: Gain) -> bool:
+    """Whether what the causes leave speaks against them: they stand in for a law that is not listed.
+
+    One-step errors that still repeat, halves that ask for other parameters, free runs clearly worse than before.
+    What steps of the logger leave repeats too.
+    """
+    repeats = "innovations-correlated" in {f.code for f in estimate.findings}
+    steps = "quantisation" in {f.code for f in search.faults}
+    return (repeats and not steps) or bool(_changing(search)) or spoils(gain)
+
+
+def spoils(gain: Gain) -> bool:
+    """Whether free runs over data held out are clearly worse with what was found."""
+    worse = gain.held_out_rmse_after - gain.held_out_rmse_before
+    return worse > max(WORSE * gain.held_out_rmse_before, gain.rmse_std)
+
+
 def _changing(search: Search) -> list[Finding]:
     """What to say where the halves of the records ask for different parameters."""
     if search.left.time <= UNEXPLAINED:
@@ -126,7 +149,8 @@ def _changing(search: Search) -> list[Finding]:
     return [Finding(
         "warning", "parameters-change",
         "The first half of the records asks for other parameters than the second: something changes while it is "
-        "recorded, with temperature or wear, say.", {"log_likelihood": float(search.left.time)},
+        "recorded, with temperature or wear, say, or a law is missing that the halves show differently.",
+        {"log_likelihood": float(search.left.time)},
         "Fit halves by themselves to see which, and record after warming up.")]
 
 

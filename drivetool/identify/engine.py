@@ -213,19 +213,22 @@ def coloured(outcome: Outcome) -> Outcome:
 
 
 def looks_coloured(passes: Sequence[Filtered]) -> bool:
-    """Whether normalised innovations correlate at lags 2 to 20 (1e-4 level)."""
-    total = 0.0
-    count = 0
-    products = np.zeros(21)
-    for f in passes:
-        z = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])
-        z = np.where(np.isfinite(z), z - np.nanmean(z), 0.0)
-        count += len(z)
+    """Whether normalised innovations of any output correlate at lags 2 to 20 (1e-4 level)."""
+    return any(_correlation([f.innovations[:, m] / np.sqrt(f.variance[:, m]) for f in passes]) > RARE
+               for m in range(passes[0].innovations.shape[1]))
+
+
+def _correlation(series: Sequence[np.ndarray]) -> float:
+    """Sum of the squared correlations over standard deviation; NaN where nothing was measured."""
+    count, products = 0, np.zeros(21)
+    for z in series:
+        known = np.isfinite(z)
+        if not known.any():
+            continue
+        z = np.where(known, z - z[known].mean(), 0.0)
+        count += int(known.sum())
         products += [z[: len(z) - k] @ z[k:] for k in range(21)]
-    if products[0] <= 0.0:
-        return False
-    total = count * np.sum((products[2:] / products[0]) ** 2)
-    return bool(total > RARE)
+    return float(count * np.sum((products[2:] / products[0]) ** 2)) if products[0] > 0.0 else 0.0
 
 
 def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, float]], seed: int = 1,
