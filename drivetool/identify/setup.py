@@ -18,6 +18,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.logs.experiment import Experiment
 
 INPUTS = ("motor_torque", "load_torque", "motor2_torque")
+DENSE = 0.5  # share of the third differences that must be there to be enough
 WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
 SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
 # Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
@@ -145,12 +146,15 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
 def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
     """(ny,) first guess of the sensors' std relative to the first, from third differences.
 
-    They remove what a drive does smoothly between samples and leave the white noise.
+    They remove what a drive does smoothly between samples and leave the white noise. Of a sensor that has a value
+    at every fourth sample, say, they are taken over the values that there are.
     """
     ny = traces[0].outputs.shape[1]
     spread = np.zeros(ny)
     for m in range(ny):
         d = np.concatenate([np.diff(t.outputs[:, m], 3) for t in traces])
+        if np.isfinite(d).mean() < DENSE:
+            d = np.concatenate([np.diff(y[np.isfinite(y)], 3) for y in (t.outputs[:, m] for t in traces)])
         d = d[np.isfinite(d)]
         spread[m] = np.sqrt(np.mean(d**2) / 20.0) if len(d) else 0.0
     spread[spread <= 0.0] = max(spread.max(), 1e-12)

@@ -9,14 +9,13 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
-from drivetool.logs.clock import median_step
 from drivetool.logs.condition import condition, parse_step
-from drivetool.logs.convert import Signal, shared_units, to_signals
+from drivetool.logs.convert import shared_units, to_signals
 from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.resample import onto_grid
 from drivetool.logs.speed_check import compare_speed_and_angle
-from drivetool.logs.spikes import held
+from drivetool.logs.unmeasured import without_unmeasured
 
 # Fewer samples than this answer no question about a drive; the second: a piece this short cannot
 # even pay for its own start states.
@@ -50,7 +49,8 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
     signals, findings = to_signals(recording, chosen, channel_map)
     torque_unit, motion_unit, more = shared_units(signals, recording.name)
-    findings = [*recording.findings, *findings, *more, *_repeated(signals)]
+    signals, unmeasured = without_unmeasured(signals)
+    findings = [*recording.findings, *findings, *more, *unmeasured]
     gridded = onto_grid(signals, recording.name)
     findings += gridded.findings
     segments, more = _cut(gridded.segments, gridded.signals, recording.name)
@@ -115,21 +115,6 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
             "note", "short-segments", f"{len(pieces) - len(kept)} segments of {log} shorter than "
             f"{MIN_SEGMENT} samples are left out.", {"segments": len(pieces) - len(kept)}))
     return kept, findings
-
-
-def _repeated(signals: Mapping[str, Signal]) -> list[Finding]:
-    """Sensors that were logged faster than they were updated."""
-    findings = []
-    for role, signal in signals.items():
-        times = held(signal.values) if role not in INPUTS else 1
-        if times > 1 and len(signal.time) > times:
-            step = median_step(signal.time)
-            findings.append(Finding(
-                "warning", "held-samples", f"{role} repeats every value {times} times: it comes at "
-                f"{1 / (times * step):.4g} Hz and was logged at {1 / step:.4g} Hz, up to "
-                f"{1e3 * (times - 1) * step:.3g} ms late.", {"role": role, "repeats": times, "step": step},
-                "Log it at its own rate, or with the time stamp of the sensor."))
-    return findings
 
 
 def _inside(segments: Iterable[tuple[int, int]], size: int) -> np.ndarray:

@@ -1,0 +1,117 @@
+"""Samples of a sensor that nobody measured: repeated, drawn as a straight line, or cut off at the end of its range.
+
+They become missing: taken for measurements, the model would have to explain what the logger did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from drivetool.errors import Finding
+from drivetool.logs.clock import median_step
+from drivetool.logs.convert import Signal
+from drivetool.logs.experiment import INPUTS
+from drivetool.logs.spikes import held, quantum
+
+LEAST = 50  # samples
+STRAIGHT = 0.45  # share of the samples that must lie on the line between their neighbours
+REGULAR = 0.9  # share of the pieces of line that must be of one length
+# Of the largest value, by which a point on a line may be off: numbers of eight bytes or of four, and the rounding
+# of the time stamps that it was drawn over.
+NEAR, NEAR_SINGLE = 1e-11, 1e-6
+CUT, RUN = 0.005, 4  # share of the samples at one end of the range, and how many there in a row, that are no chance
+NOISY = 0.1  # share of the samples at which a signal with noise turns back, at least
+
+
+def without_unmeasured(signals: Mapping[str, Signal]) -> tuple[dict[str, Signal], list[Finding]]:
+    """(the signals, such samples of sensors missing; what was found)."""
+    kept, findings = {}, []
+    for role, signal in signals.items():
+        values = np.array(signal.values, float)
+        if role not in INPUTS and np.isfinite(values).sum() >= LEAST:
+            for look in (_repeated, _interpolated, _cut_off):
+                missing, found = look(role, values, signal.time)
+                values[missing] = np.nan
+                findings += found
+        kept[role] = Signal(signal.time, values, signal.si)
+    return kept, findings
+
+
+Look = tuple[np.ndarray, list[Finding]]
+
+
+def _repeated(role: str, values: np.ndarray, time: np.ndarray) -> Look:
+    """Sensors that were logged faster than they were updated."""
+    times = held(values)
+    if times < 2:
+        return np.zeros(len(values), bool), []
+    step = median_step(time)
+    return np.concatenate([[False], values[1:] == values[:-1]]), [Finding(
+        "warning", "held-samples",
+        f"{role} repeats every value {times} times: it comes at {1 / (times * step):.4g} Hz and was logged at "
+        f"{1 / step:.4g} Hz. The repeats are left out; the first of each may be up to {1e3 * step:.3g} ms late.",
+        {"role": role, "repeats": times, "step": step},
+        "Log it at its own rate, or with the time stamp of the sensor.")]
+
+
+def _interpolated(role: str, values: np.ndarray, time: np.ndarray) -> Look:
+    """Sensors of which a logger has drawn straight lines between the values that it had."""
+    inside, none = _on_a_line(values), np.zeros(len(values), bool)
+    if inside.mean() < STRAIGHT:
+        return none, []
+    lengths = np.diff(np.flatnonzero(~inside & np.isfinite(values)))
+    usual = int(np.median(lengths)) if len(lengths) else 0
+    if usual < 2 or np.mean(lengths == usual) < REGULAR:
+        return none, []
+    step = median_step(time)
+    return inside, [Finding(
+        "warning", "interpolated", f"{role} lies on straight lines over {usual} samples each: it comes at "
+        f"{1 / (usual * step):.4g} Hz and was interpolated. The samples between are left out.",
+        {"role": role, "pieces": usual, "step": step}, "Log it at its own rate, without interpolation.")]
+
+
+def _on_a_line(values: np.ndarray) -> np.ndarray:
+    """(n,) whether a sample lies between its neighbours as exactly as its digits allow, while the signal moves."""
+    with np.errstate(over="ignore"):
+        single = np.array_equal(values.astype(np.float32).astype(float), values, equal_nan=True)
+    near = (NEAR_SINGLE if single else NEAR) * float(np.nanmax(np.abs(values)))
+    inside = np.zeros(len(values), bool)
+    with np.errstate(invalid="ignore"):
+        bend = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2])
+        inside[1:-1] = (bend <= near) & (values[2:] != values[1:-1])
+    # A coarse sensor in steady motion moves by whole steps, and is on a line by chance.
+    return np.zeros(len(values), bool) if quantum(values[np.isfinite(values)]) else inside
+
+
+def _cut_off(role: str, values: np.ndarray, _: np.ndarray) -> Look:
+    """Sensors that stop at the end of their range while the motion goes on."""
+    missing, findings = np.zeros(len(values), bool), []
+    known = values[np.isfinite(values)]
+    if quantum(known) or not _noisy(known):
+        return missing, []
+    for end in (known.max(), known.min()):
+        there = values == end
+        # Standstill is exactly zero without anything cut off.
+        if end == 0.0 or there.sum() < max(CUT * len(known), RUN) or _longest(there) < RUN:
+            continue
+        missing |= there
+        findings.append(Finding(
+            "warning", "cut-off", f"{role} is exactly {end:.6g} at {100.0 * there.mean():.2g} % of its samples and "
+            f"never beyond: it is cut off there. Those samples are left out.",
+            {"role": role, "limit": float(end), "share": float(there.mean())},
+            "Widen the range of the sensor or of its channel."))
+    return missing, findings
+
+
+def _noisy(values: np.ndarray) -> bool:
+    """Whether a signal has noise, so that steady motion does not repeat its values."""
+    change = np.diff(values)
+    return bool(np.mean(change[1:] * change[:-1] < 0.0) > NOISY)
+
+
+def _longest(mask: np.ndarray) -> int:
+    """Length of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
