@@ -12,6 +12,7 @@ from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.check.rounds import Search
+from drivetool.check.story import doubtful, spoils
 from drivetool.identify.noise import minus_log_likelihood
 
 BASE = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia",)))
@@ -101,6 +102,8 @@ def told(after, scatter=0.0):
     (told(1.3), told(1.2), 1e4, None, {"first", "second"}),
     (told(1.3), told(1.2), 10.0, "first", set()),  # much by itself: no makeshift for what came before
     (told(11.0, 9.0), told(0.9), 0.0, "second", {"first"}),  # runs away
+    (told(2.2, 0.3), told(0.9), 0.0, "second", {"first"}),  # doubles the error
+    (told(2.2, 0.7), told(0.9), 0.0, "first", set()),  # that may be scatter
 ])
 def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gained, best, against):
     """first has the larger gain per step; gains are stood in for."""
@@ -213,3 +216,17 @@ def test_what_is_known_to_look_alike_is_told_apart_by_its_whole_scatter_only():
     best = score(500.0, np.full(8, 100.0), code="speed-filter")
     lag = score(450.0, best.gains - [2.8, 6.5, 0.4, 0.4, 23.9, 2.2, -1.3, 2.6], code="converter-lag")
     assert ties(lag, best)
+
+
+@pytest.mark.parametrize(("left", "codes", "faults", "after", "doubted"), [
+    (0.0, (), (), 0.5, False),
+    (30.0, (), (), 0.5, True),  # halves that ask for other parameters
+    (0.0, ("innovations-correlated",), (), 0.5, True),
+    (0.0, ("innovations-correlated",), ("quantisation",), 0.5, False),  # rounding repeats where the motion is slow
+    (0.0, (), (), 1.3, True),
+    (0.0, (), (), 1.2, False)])
+def test_causes_that_leave_what_speaks_against_them_are_not_named(left, codes, faults, after, doubted):
+    search = SimpleNamespace(left=SimpleNamespace(time=left), faults=[SimpleNamespace(code=c) for c in faults])
+    estimate = SimpleNamespace(findings=[SimpleNamespace(code=c) for c in codes])
+    assert doubtful(search, estimate, told(after, 0.1)) == doubted
+    assert not spoils(told(1.3, 0.4))  # that may be scatter

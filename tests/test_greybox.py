@@ -150,6 +150,34 @@ def test_speeds_of_both_ends_do_not_tell_the_idle_torques_apart():
     assert lines["motor.inertia"].status == "fitted"
 
 
+def with_load_angle(error):
+    """A linear record with the angle of the load at every fourth sample, and an error of it."""
+    record = linear_record(MACHINE, 51)
+    run = simulate_linear(MACHINE, record.signals["motor_torque"], STEP, running(MACHINE, 20.0),
+                          white_noise(record.size, 0.003 * MACHINE.rated_torque, 7 * 51 + 1))
+    angle = np.cumsum(run.speeds[:, 1]) * STEP
+    angle = angle - 0.5 * STEP * (run.speeds[:, 1] - run.speeds[0, 1])  # trapezoids
+    angle = angle + error(angle) + white_noise(record.size, 1e-4, 98)
+    angle[np.arange(record.size) % 4 != 0] = np.nan
+    return replace(record, signals={**record.signals, "load_angle": angle})
+
+
+def test_a_sensor_with_a_value_at_every_fourth_sample_is_weighed_rightly():
+    """Its noise, guessed a hundred times too loud, drew the torque's with it, and all parameters astray."""
+    record = with_load_angle(np.zeros_like)
+    estimate = greybox([record], start(), Options())
+    assert estimate.noise["sensor_std.load_angle"] == pytest.approx(1e-4, rel=0.2)
+    assert not {"innovations-correlated", "not-settled"} & {f.code for f in estimate.findings}
+    lines = {p.name: p for p in estimate.parameters}
+    for name in ("motor.inertia", "load.inertia", "shaft.stiffness"):
+        assert abs(lines[name].value - truth(MACHINE)[name]) < 4.0 * lines[name].std
+
+
+def test_repeating_errors_of_a_second_sensor_are_said_too():
+    estimate = greybox([with_load_angle(lambda angle: 2e-3 * np.sin(angle))], start(), Options())
+    assert "innovations-correlated" in {f.code for f in estimate.findings}
+
+
 def test_a_shaft_torque_sensor_tells_them_apart():
     machine = replace(MACHINE, viscous=(0.4, 0.1))
     record = linear_record(machine, 51)

@@ -6,10 +6,17 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from drivetool.check.candidates import CANDIDATES
+from drivetool.check.hypothesis import Tried, sizeable
+from drivetool.check.model import Model, everything
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Trace
+from drivetool.identify.noise import Noise
+from drivetool.identify.problem import Point
 from drivetool.identify.setup import Roles, problem_of
+from drivetool.identify.task import Task
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, run
 from tests.test_effects import base
@@ -32,6 +39,21 @@ def test_it_acts_in_its_own_record_only():
     assert np.array_equal(simulated(7, 7.0), simulated(7, 0.0))
     assert np.array_equal(simulated(8, 7.0), never)
     assert abs(simulated(7, 7.0) - never)[250:].max() > 0.1
+
+
+@pytest.mark.parametrize(("time", "absent"), [(-1.0, True), (0.1, True), (0.4, False), (1.6, False), (1.9, True)])
+def test_a_load_that_sets_in_at_an_end_of_the_record_is_none(time, absent):
+    """Three samples that a logger froze at the end were explained by 75 times the rated torque."""
+    drive = base(**{"load.step_torque": 8.0, "load.step_time": time})
+    names = ("load.step_torque", "load.step_time")
+    trace = Trace(np.full((2000, 1), 20.0), np.zeros((2000, 1)), 1e-3)
+    problem = problem_of(drive, names, ROLES, (trace,))
+    model = Model("load-step", Task(drive, names, ROLES, ()), problem, Point(np.array([8.0, time]), (np.zeros(3),)),
+                  Noise(1.0, None, problem.scale), 0.0)
+    tried = Tried(next(c for c in CANDIDATES if c.code == "load-step"), (model,), {})
+    found = sizeable(tried, model, everything(problem))
+    assert (found.absent == "no-gain") is absent
+    assert ("begins or ends" in found.reason) is absent
 
 
 def test_found_in_the_second_of_two_records(tmp_path):

@@ -52,6 +52,18 @@ def test_what_stays_open_when_a_cause_turns_out_needless(first, expected):
     assert rivals_without(rivals, "torque-ripple", first) == {"imbalance": expected}
 
 
+@pytest.mark.parametrize(("order", "still"), [(4.0, ("torque-ripple",)), (1.02, ())])
+def test_a_tie_with_a_ripple_ends_with_a_ripple_of_that_order_only(order, still):
+    """A motor's ripple of order one, taken for imbalance of the load, was named so once one of order four came."""
+    found = Found()
+    tied = ("imbalance", "torque-ripple")
+    found.take("imbalance", Decision(None, tied, 30.0), ["load.imbalance_cos"], 22.0, {"torque-ripple": 1.01})
+    found.take("torque-ripple", Decision(None, ("torque-ripple",), 30.0), ["motor.ripple_cos"], 90.0,
+               {"torque-ripple": order})
+    assert found.causes == ["imbalance", "torque-ripple"]
+    assert found.rivals["imbalance"] == still and found.between == (("imbalance", *still) if still else ())
+
+
 def test_what_was_found_beside_a_cause_that_is_gone_is_asked_again():
     """Unless it tied with that: then which of its rivals it has alone is known already."""
     found = Found()

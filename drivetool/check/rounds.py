@@ -49,7 +49,8 @@ JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
 LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
-RUINED = 2.0  # of that error, beyond its scatter, from which it is no law, however likely single steps become
+DOUBLED = 2.0  # of that error, beyond twice its scatter, from which it is no law, however likely single steps become
+RUINED = 10.0  # the same, whatever its scatter
 AGAINST = "free runs over data held out become worse with it"
 ONE_PLACE = "nearly all that it gains on data held out lies in one place"
 FAKED = 0.5  # of what a cause gains, that it may gain on records of the base logged in the same steps
@@ -270,7 +271,8 @@ class Search:
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
-            ruined = change > max((RUINED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_std)
+            ruined = (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
+                      or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_std))
             why = AGAINST if ruined else why if s.gain < LITTLE * self.found.gained else ""
             if self.made_of_steps(s):
                 why = STEPS
