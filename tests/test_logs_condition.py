@@ -371,3 +371,40 @@ def test_steps_of_the_map_come_first_and_nothing_is_changed_in_place(tmp_path):
     assert not found.signals["motor_speed"].flags.writeable
     plain = open_experiment(tmp_path / "a.parquet")
     assert plain.signals["motor_speed"].tobytes() == columns["motor_speed"].tobytes()
+
+
+# --- speeds made of counts
+
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+def test_a_speed_made_of_counts_is_told_and_its_sum_is_the_angle(noise):
+    rng, count = np.random.default_rng(7), 2.0 * np.pi / 4096
+    time = np.arange(6000) * 1e-3
+    angle = 0.4 * np.sin(9.0 * time) + 3.0 * time + noise * rng.standard_normal(len(time))
+    rounded = count * np.round(angle / count)
+    speed = np.diff(rounded, prepend=rounded[0]) / 1e-3
+    made = recording(motor_torque=(time, np.sin(time), "Nm"), motor_speed=(time, speed, "rad/s"))
+    found = build_experiment(made)
+    assert codes(found) == ["made-of-counts"]
+    assert found.findings[0].evidence["count"] == pytest.approx(count, rel=1e-6)
+    summed = condition(found, [parse_step("integrate")])
+    assert "motor_speed" not in summed.signals
+    np.testing.assert_allclose(summed.signals["motor_angle"], rounded - rounded[0], atol=1e-9)
+
+
+def test_a_rounded_speed_is_not_made_of_counts():
+    time = np.arange(6000) * 1e-3
+    speed = 3.6 * np.cos(9.0 * time) + 3.0
+    for noise, size in ((0.0, 0.05), (0.02, 0.05), (0.2, 0.05)):
+        noisy = speed + noise * np.random.default_rng(8).standard_normal(len(time))
+        found = build_experiment(recording(motor_torque=(time, np.sin(time), "Nm"),
+                                           motor_speed=(time, size * np.round(noisy / size), "rad/s")))
+        assert "made-of-counts" not in codes(found)
+
+
+def test_what_cannot_be_integrated_is_said():
+    with pytest.raises(BadOption, match="a speed in"):
+        condition(experiment(motor_torque=np.zeros(100), motor_angle=np.arange(100.0)), [parse_step("integrate")])
+    speed = np.ones(100)
+    speed[40] = np.nan
+    with pytest.raises(BadOption, match="1 missing"):
+        condition(experiment(motor_torque=np.zeros(100), motor_speed=speed), [parse_step("integrate")])

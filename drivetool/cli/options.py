@@ -57,7 +57,7 @@ Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
 Condition = Annotated[list[str] | None, _option(
     "--condition", metavar="STEP", help="Done to every recording first, in the order given: despike, "
-    "'lowpass cutoff=50', detrend, 'decimate factor=5', differentiate; repeatable.")]
+    "'lowpass cutoff=50', detrend, 'decimate factor=5', differentiate, integrate; repeatable.")]
 DriveName = Annotated[str | None, _option(
     "--drive", metavar="NAME|FILE",
     help="one-body, two-mass, three-mass, vehicle, or a YAML file with a drive section. "

@@ -11,6 +11,7 @@ from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
 from drivetool.logs.condition import condition, parse_step
 from drivetool.logs.convert import shared_units, to_signals
+from drivetool.logs.counts import made_of_counts
 from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.resample import onto_grid
@@ -58,6 +59,7 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     inside = _inside(segments, len(next(iter(gridded.signals.values()))))
     findings += _sparse(gridded.signals, inside)
     findings += _constant(gridded.signals, inside, recording.name)
+    findings += made_of_counts(gridded.signals, segments, gridded.step)
     for body in dict.fromkeys(role.rpartition("_")[0] for role in gridded.signals):
         angle, speed = f"{body}_angle", f"{body}_speed"
         if angle in gridded.signals and speed in gridded.signals:

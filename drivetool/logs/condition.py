@@ -5,6 +5,7 @@
     detrend order=0 roles=motor_angle                mean (0) or straight line (1) of each segment
     decimate factor=5                                low-passed at 0.8 of the new half rate
     differentiate roles=motor_angle                  the angle becomes a speed, by central differences
+    integrate roles=motor_speed                      a speed made of an encoder's counts becomes their sum
 
 `roles` is optional; without it a step takes all roles that it can.
 """
@@ -46,6 +47,7 @@ _OPTIONS: dict[str, dict[str, tuple[float | None, float, bool]]] = {
     "detrend": {"order": (0, 0, True)},
     "decimate": {"factor": (None, 2, True)},
     "differentiate": {},
+    "integrate": {},
 }
 _ALL_ALIKE = ("lowpass", "decimate")
 
@@ -213,6 +215,27 @@ def _differentiate(experiment: Experiment, step: Step) -> Result:
     return replace(experiment, signals=signals), {}, f"{', '.join(roles)} became speeds by central differences"
 
 
+def _integrate(experiment: Experiment, step: Step) -> Result:
+    """Speeds become the angles of whose differences they were made; an angle that is there already stays."""
+    roles = step.roles or tuple(role for role in experiment.signals if role.endswith("_speed"))
+    wrong = [role for role in roles if not role.endswith("_speed")]
+    if wrong or not roles:
+        raise BadOption(f"a speed in {experiment.name} to integrate", wrong[0] if wrong else "none",
+                        "Name a speed, or leave integrate out.", experiment.signals)
+    signals = dict(experiment.signals)
+    for role in roles:
+        speed, angle = signals.pop(role), np.full(len(experiment.signals[role]), np.nan)
+        for first, last in experiment.segments:
+            if not np.isfinite(speed[first:last]).all():
+                raise BadOption(f"a value of {role} at every sample of {experiment.name} to integrate",
+                                f"{int(np.isnan(speed[first:last]).sum())} missing",
+                                "Leave integrate out: nothing tells how far it moved there.")
+            angle[first:last] = np.cumsum(speed[first:last]) * experiment.step
+        signals.setdefault(f"{role[:-6]}_angle", angle)
+    return (replace(experiment, signals={r: signals[r] for r in ROLES if r in signals}), {},
+            f"{', '.join(roles)} summed up to angles from zero")
+
+
 _STEPS: dict[str, Callable[[Experiment, Step], Result]] = {
     "despike": _despike, "lowpass": _low_pass, "detrend": _detrend, "decimate": _decimate,
-    "differentiate": _differentiate}
+    "differentiate": _differentiate, "integrate": _integrate}
