@@ -13,6 +13,7 @@ from drivetool.logs.condition import condition, parse_step
 from drivetool.logs.experiment import Channel, Experiment, Recording
 from drivetool.logs.rate import average, low_passed
 from drivetool.logs.spikes import despiked, held, quantum
+from drivetool.logs.unmeasured import measured
 from drivetool.logs.wrap import looks_wrapped, unwrap
 from tests.test_logs_parquet import wide
 
@@ -206,10 +207,10 @@ def test_repeated_values_are_told():
     assert held(np.round(speed, 1)) == 1 and held(np.zeros(500)) == 1
     slow = np.repeat(speed[::4], 4)
     found = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, slow, "rad/s")))
-    assert codes(found) == ["held-samples", "sparse-sensor"]
-    assert "at 250 Hz and was logged at 1000 Hz" in found.findings[0].text
-    # What a sensor did not measure is missing: its first value of each four is left.
-    known = np.isfinite(found.signals["motor_speed"])
+    assert codes(found) == ["held-samples"] and "at 250 Hz and was logged at 1000 Hz" in found.findings[0].text
+    np.testing.assert_array_equal(found.signals["motor_speed"], slow)
+    # What a sensor did not measure is missing for a physical model: its first value of each four is left.
+    known = np.isfinite(measured(found).signals["motor_speed"])
     assert known[::4].all() and known.sum() == -(-len(slow) // 4)
 
 
@@ -220,15 +221,16 @@ def test_a_straight_line_between_two_samples_is_no_measurement():
     line = np.interp(TIME, TIME[::5], speed[::5])
     for values in (line, line.astype(np.float32).astype(float)):
         found = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, values, "rad/s")))
-        assert codes(found) == ["interpolated", "sparse-sensor"] and "at 200 Hz" in found.findings[0].text
-        known = np.flatnonzero(np.isfinite(found.signals["motor_speed"]))
+        assert codes(found) == ["interpolated"] and "at 200 Hz" in found.findings[0].text
+        speeds = measured(found).signals["motor_speed"]
+        known = np.flatnonzero(np.isfinite(speeds))
         assert set(known[known < 5 * (len(TIME) // 5) - 5] % 5) == {0}
-        np.testing.assert_array_equal(found.signals["motor_speed"][known], values[known])
+        np.testing.assert_array_equal(speeds[known], values[known])
     # Nor is measured speed a line, with steps of a coarse sensor or without, in steady motion or at rest.
     for values in (speed, np.round(speed, 1), np.linspace(0.0, 3.0, len(TIME)), 2.0 + 1e-9 * speed, TIME):
         kept = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, values, "rad/s")))
         assert not {"interpolated", "cut-off", "held-samples"} & set(codes(kept))
-        assert np.isfinite(kept.signals["motor_speed"]).all()
+        assert np.isfinite(measured(kept).signals["motor_speed"]).all()
 
 
 def test_a_sensor_at_the_end_of_its_range_measures_nothing():
@@ -237,12 +239,12 @@ def test_a_sensor_at_the_end_of_its_range_measures_nothing():
     cut = np.clip(speed, -10.0, 4.0)
     found = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, cut, "rad/s")))
     assert codes(found) == ["cut-off"] and "exactly 4 at" in found.findings[0].text
-    np.testing.assert_array_equal(np.isnan(found.signals["motor_speed"]), speed > 4.0)
+    np.testing.assert_array_equal(np.isnan(measured(found).signals["motor_speed"]), speed > 4.0)
     # Standstill, a highest value that comes once, and plateaus of a signal without noise are none.
     rest = np.where(TIME < 0.3, 0.0, np.abs(speed))
     for values in (speed, rest, np.minimum(5.0 * np.sin(6.0 * TIME), 4.0)):
         kept = build_experiment(recording(motor_torque=torque(), motor_speed=(TIME, values, "rad/s")))
-        assert "cut-off" not in codes(kept) and np.isfinite(kept.signals["motor_speed"]).all()
+        assert "cut-off" not in codes(kept) and np.isfinite(measured(kept).signals["motor_speed"]).all()
 
 
 # --- conditioning

@@ -30,6 +30,7 @@ from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughDa
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
 from drivetool.logs.experiment import Experiment
+from drivetool.logs.unmeasured import measured
 
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
@@ -57,7 +58,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
-    logged = (*experiments, *holdout)
+    logged = tuple(measured(e) for e in (*experiments, *holdout))
     mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []

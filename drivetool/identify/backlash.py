@@ -31,6 +31,7 @@ from drivetool.identify.setup import first_states, roles_of
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
+from drivetool.logs.unmeasured import measured
 
 # Half gaps to look at, over the twist that the torque of the record makes.
 SCAN = np.geomspace(0.01, 30.0, 160)
@@ -53,6 +54,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if not drive.shafts:
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
     drive.require(drive.missing(), "a backlash fit")
+    experiments = [measured(e) for e in experiments]
     roles = roles_of(experiments, drive)
     if {ALL, *TOTALS} & set(options.free):
         drive = with_totals(drive, (*options.free, *options.hold))

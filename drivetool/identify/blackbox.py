@@ -27,6 +27,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Roles, roles_of, traces_of
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
 from drivetool.logs.experiment import Experiment
+from drivetool.logs.unmeasured import measured
 
 STARTS = 3
 SPARE = 20  # samples beyond the number of unknowns
@@ -53,7 +54,7 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if options.criterion == "frequency":
         raise BadOption("a polynomial structure for a fit in the frequency domain", "none", "Add --structure oe.")
     _possible(drive, options)
-    task = Task(drive, (), _roles(experiments, drive), tuple(experiments))
+    task = Task(drive, (), _roles(experiments, drive), tuple(measured(e) for e in experiments))
     form = _form(task, options)
     _enough(task, form)
     gain = np.inf

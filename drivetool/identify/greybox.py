@@ -36,6 +36,7 @@ from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
+from drivetool.logs.unmeasured import measured
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
@@ -55,6 +56,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
     drive.require(drive.missing(), "the start of a grey-box fit")
+    experiments = [measured(e) for e in experiments]
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)

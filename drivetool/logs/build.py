@@ -16,7 +16,7 @@ from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.resample import onto_grid
 from drivetool.logs.speed_check import compare_speed_and_angle
-from drivetool.logs.unmeasured import without_unmeasured
+from drivetool.logs.unmeasured import unmeasured
 
 # Fewer samples than this answer no question about a drive; the second: a piece this short cannot
 # even pay for its own start states.
@@ -50,8 +50,7 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
     signals, findings = to_signals(recording, chosen, channel_map)
     torque_unit, motion_unit, more = shared_units(signals, recording.name)
-    signals, unmeasured = without_unmeasured(signals)
-    findings = [*recording.findings, *findings, *more, *unmeasured]
+    findings = [*recording.findings, *findings, *more, *unmeasured(signals)]
     gridded = onto_grid(signals, recording.name)
     findings += gridded.findings
     segments, more = _cut(gridded.segments, gridded.signals, recording.name)

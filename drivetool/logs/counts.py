@@ -10,7 +10,7 @@ from scipy.signal import welch
 from drivetool.errors import Finding
 from drivetool.logs.spikes import quantum
 
-LEAST = 1000  # samples without a gap
+LEAST, MOST = 1000, 100_000  # samples without a gap, and how many of them are looked at
 FAST, MIDDLE = (0.42, 0.48), (0.2, 0.25)  # bands in which the rounding shows, in sampling rates
 # What differences of rounded counts have there over what rounded speeds have, q^2/12: 3.9 and 1.7 without any
 # noise of the angle itself, which would raise both alike.
@@ -26,7 +26,7 @@ def made_of_counts(signals: Mapping[str, np.ndarray], segments: Sequence[tuple[i
     first, last = max(segments, key=lambda s: s[1] - s[0])
     findings = []
     for role in (r for r in signals if r.endswith("_speed")):
-        y = signals[role][first:last]
+        y = signals[role][first:min(last, first + MOST)]
         if len(y) < LEAST or not np.isfinite(y).all():
             continue
         size = quantum(y)

@@ -1,21 +1,23 @@
 """Samples of a sensor that nobody measured: repeated, drawn as a straight line, or cut off at the end of its range.
 
-They become missing: taken for measurements, the model would have to explain what the logger did.
+Fits of the physical model do without them: taken for measurements, it would have to explain what the logger did.
+Spectra and polynomial models, which need a value at every sample, take them as they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.logs.clock import median_step
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import INPUTS
+from drivetool.logs.experiment import INPUTS, Experiment
 from drivetool.logs.spikes import held, quantum
 
-LEAST = 50  # samples
+LEAST, ENOUGH = 50, 100_000  # samples that tell anything, and that tell whether a sensor is coarse
 STRAIGHT = 0.45  # share of the samples that must lie on the line between their neighbours
 REGULAR = 0.9  # share of the pieces of line that must be of one length
 # Of the largest value, by which a point on a line may be off: numbers of eight bytes or of four, and the rounding
@@ -25,18 +27,29 @@ CUT, RUN = 0.005, 4  # share of the samples at one end of the range, and how man
 NOISY = 0.1  # share of the samples at which a signal with noise turns back, at least
 
 
-def without_unmeasured(signals: Mapping[str, Signal]) -> tuple[dict[str, Signal], list[Finding]]:
-    """(the signals, such samples of sensors missing; what was found)."""
-    kept, findings = {}, []
-    for role, signal in signals.items():
-        values = np.array(signal.values, float)
-        if role not in INPUTS and np.isfinite(values).sum() >= LEAST:
-            for look in (_repeated, _interpolated, _cut_off):
-                missing, found = look(role, values, signal.time)
-                values[missing] = np.nan
-                findings += found
-        kept[role] = Signal(signal.time, values, signal.si)
-    return kept, findings
+def unmeasured(signals: Mapping[str, Signal]) -> list[Finding]:
+    """What of the sensors' signals, as they were logged, no sensor has measured."""
+    return [f for role, signal in signals.items() if role not in INPUTS
+            for f in _looked_at(role, np.array(signal.values, float), signal.time)[1]]
+
+
+def measured(experiment: Experiment) -> Experiment:
+    """The experiment with such samples missing: for models that take a sensor's value or none, at any sample."""
+    time = experiment.step * np.arange(len(next(iter(experiment.signals.values()))))
+    signals = {role: values if role in INPUTS else _looked_at(role, np.array(values, float), time)[0]
+               for role, values in experiment.signals.items()}
+    return replace(experiment, signals=signals)
+
+
+def _looked_at(role: str, values: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, list[Finding]]:
+    """(the values (n,), unmeasured ones missing; what was found)."""
+    findings = []
+    if np.isfinite(values).sum() >= LEAST:
+        for look in (_repeated, _interpolated, _cut_off):
+            missing, found = look(role, values, time)
+            values[missing] = np.nan
+            findings += found
+    return values, findings
 
 
 Look = tuple[np.ndarray, list[Finding]]
@@ -51,7 +64,7 @@ def _repeated(role: str, values: np.ndarray, time: np.ndarray) -> Look:
     return np.concatenate([[False], values[1:] == values[:-1]]), [Finding(
         "warning", "held-samples",
         f"{role} repeats every value {times} times: it comes at {1 / (times * step):.4g} Hz and was logged at "
-        f"{1 / step:.4g} Hz. The repeats are left out; the first of each may be up to {1e3 * step:.3g} ms late.",
+        f"{1 / step:.4g} Hz, up to {1e3 * step:.3g} ms late. Physical models are fitted without the repeats.",
         {"role": role, "repeats": times, "step": step},
         "Log it at its own rate, or with the time stamp of the sensor.")]
 
@@ -68,7 +81,7 @@ def _interpolated(role: str, values: np.ndarray, time: np.ndarray) -> Look:
     step = median_step(time)
     return inside, [Finding(
         "warning", "interpolated", f"{role} lies on straight lines over {usual} samples each: it comes at "
-        f"{1 / (usual * step):.4g} Hz and was interpolated. The samples between are left out.",
+        f"{1 / (usual * step):.4g} Hz and was interpolated. Physical models are fitted without what is between.",
         {"role": role, "pieces": usual, "step": step}, "Log it at its own rate, without interpolation.")]
 
 
@@ -82,14 +95,14 @@ def _on_a_line(values: np.ndarray) -> np.ndarray:
         bend = np.abs(values[2:] - 2.0 * values[1:-1] + values[:-2])
         inside[1:-1] = (bend <= near) & (values[2:] != values[1:-1])
     # A coarse sensor in steady motion moves by whole steps, and is on a line by chance.
-    return np.zeros(len(values), bool) if quantum(values[np.isfinite(values)]) else inside
+    return np.zeros(len(values), bool) if _steps(values) else inside
 
 
 def _cut_off(role: str, values: np.ndarray, _: np.ndarray) -> Look:
     """Sensors that stop at the end of their range while the motion goes on."""
     missing, findings = np.zeros(len(values), bool), []
     known = values[np.isfinite(values)]
-    if quantum(known) or not _noisy(known):
+    if _steps(known) or not _noisy(known):
         return missing, []
     for end in (known.max(), known.min()):
         there = values == end
@@ -99,10 +112,15 @@ def _cut_off(role: str, values: np.ndarray, _: np.ndarray) -> Look:
         missing |= there
         findings.append(Finding(
             "warning", "cut-off", f"{role} is exactly {end:.6g} at {100.0 * there.mean():.2g} % of its samples and "
-            f"never beyond: it is cut off there. Those samples are left out.",
+            "never beyond: it is cut off there. Physical models are fitted without those.",
             {"role": role, "limit": float(end), "share": float(there.mean())},
             "Widen the range of the sensor or of its channel."))
     return missing, findings
+
+
+def _steps(values: np.ndarray) -> bool:
+    """Whether a sensor is coarse."""
+    return bool(quantum(values[np.isfinite(values)][:ENOUGH]))
 
 
 def _noisy(values: np.ndarray) -> bool:
