@@ -11,20 +11,7 @@ from collections.abc import Callable
 from numba import njit
 
 from drivetool.drive.compiled import HOT
-from drivetool.drive.kernel import propagate_five, propagate_three
-
-
-@njit(**HOT)
-def value_three(rows, r, x, u):
-    """rows[r] [x, u, 1]."""
-    return (rows[r, 2] * x[2] + (rows[r, 3] * u + rows[r, 4])) + (rows[r, 1] * x[1] + rows[r, 0] * x[0])
-
-
-@njit(**HOT)
-def value_five(rows, r, x, u):
-    """The same for five states."""
-    return ((rows[r, 4] * x[4] + (rows[r, 5] * u + rows[r, 6])) + (rows[r, 3] * x[3] + rows[r, 2] * x[2])
-            + (rows[r, 1] * x[1] + rows[r, 0] * x[0]))
+from drivetool.drive.kernel import propagate_five, propagate_three, value_five, value_three
 
 
 @njit(**HOT)

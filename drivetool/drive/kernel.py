@@ -40,15 +40,26 @@ def classify(reach, v, mode):
 
 
 @njit(**HOT)
+def value_three(rows, r, x, u):
+    """rows[r] [x, u, 1] for three states; short chains of what waits for the state."""
+    return (rows[r, 2] * x[2] + (rows[r, 3] * u + rows[r, 4])) + (rows[r, 1] * x[1] + rows[r, 0] * x[0])
+
+
+@njit(**HOT)
+def value_five(rows, r, x, u):
+    """The same for five states."""
+    return ((rows[r, 4] * x[4] + (rows[r, 5] * u + rows[r, 6])) + (rows[r, 3] * x[3] + rows[r, 2] * x[2])
+            + (rows[r, 1] * x[1] + rows[r, 0] * x[0]))
+
+
+@njit(**HOT)
 def row_value(rows, r, x, u, i):
     """rows[r] [x, u[i], 1]; two and three masses without a loop, which is twice as fast."""
     nx, nu = x.size, u.shape[1]
     if nu == 1 and nx == 3:
-        return ((rows[r, 0] * x[0] + rows[r, 1] * x[1])
-                + (rows[r, 2] * x[2] + rows[r, 3] * u[i, 0]) + rows[r, 4])
+        return value_three(rows, r, x, u[i, 0])
     if nu == 1 and nx == 5:
-        return ((rows[r, 0] * x[0] + rows[r, 1] * x[1]) + (rows[r, 2] * x[2] + rows[r, 3] * x[3])
-                + (rows[r, 4] * x[4] + (rows[r, 5] * u[i, 0] + rows[r, 6])))
+        return value_five(rows, r, x, u[i, 0])
     v = rows[r, nx + nu]
     for j in range(nu):
         v += rows[r, nx + j] * u[i, j]

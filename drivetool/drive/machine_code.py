@@ -35,10 +35,11 @@ GROUPS = (
     (("run.run_laws", "filter.kalman_laws"),
      ("smooth_events.law_rough_step", "smooth_events.show"), ("smooth.law_columns", "laws.law_torque")),
     (("events.switch_late",),),
+    (("run.run_five",),),
 )
 # Arguments of the parts that Python calls: tables, then numbers.
-TABLES = {"run": 3, "run_laws": 4, "kalman": 3, "kalman_laws": 4}
-NUMBERS = {"run": 1, "run_laws": 1, "kalman": 2, "kalman_laws": 2}
+TABLES = {"run": 3, "run_five": 3, "run_laws": 4, "kalman": 3, "kalman_laws": 4}
+NUMBERS = {"run": 1, "run_five": 1, "run_laws": 1, "kalman": 2, "kalman_laws": 2}
 
 _lock = threading.Lock()
 _temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends

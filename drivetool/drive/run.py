@@ -143,9 +143,10 @@ def plain_step(leap, dleap, watch, looks, reach, level, k, x, u, i, big, mode, b
 
 
 @njit(**COMPILE)
-def go_through(s, c, laws, p, clock):
+def go_through(s, c, laws, p, clock, glide, size):
     """Simulate the samples of a pass p; laws None where there are none, clock the time of the first [s].
 
+    glide, size  how it is gone from event to event with so many states, None where it is not
     returns  samples in which events were located
     """
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
@@ -158,11 +159,11 @@ def go_through(s, c, laws, p, clock):
     if p.fresh != 0:
         reclassify(spring, slip_rows, reach, x, mode, guards)
     observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
-    size, i = glides(s, c, p) if laws is None and fades < 0 else 0, 0
+    glides, i = glide is not None and fades < 0 and may_glide(s, c, p, size), 0
     while i < u.shape[0]:
-        if laws is None and size > 0:
+        if glide is not None and glides:
             first = slots(s, c, mode)[0] if first < 0 else first
-            i = glide_three(s, c, p, first, i) if size == 3 else glide_five(s, c, p, first, i)
+            i = glide(s, c, p, first, i)
             if i == u.shape[0]:
                 break
         if states.shape[0] > 0:
@@ -196,13 +197,13 @@ def go_through(s, c, laws, p, clock):
 
 
 @njit(**COMPILE)
-def glides(s, c, p):
-    """How many states a pass has that glide.py can take from event to event, 0 if it cannot."""
+def may_glide(s, c, p, size):
+    """Whether glide.py can take a pass from event to event: see there."""
     for pick in s.picks:
         if pick < 0:
-            return 0
-    plain = s.nu == 1 and s.spans.size == 1 and c.late == 0 and p.gain.shape[0] == 0 and p.states.shape[0] == 0
-    return s.nx if plain and (s.nx == 3 or s.nx == 5) else 0
+            return False
+    return (s.nx == size and s.nu == 1 and s.spans.size == 1 and c.late == 0 and p.gain.shape[0] == 0
+            and p.states.shape[0] == 0)
 
 
 @njit(**HOT)
@@ -215,10 +216,16 @@ def reveal(s, laws, x, clock, mode, big):
 @unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
 def run(s, c, p, clock):
     """Simulate the samples of a pass; see go_through."""
-    return go_through(s, c, None, p, clock)
+    return go_through(s, c, None, p, clock, glide_three, 3)
+
+
+@unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+def run_five(s, c, p, clock):
+    """The same, made for the five states of three masses."""
+    return go_through(s, c, None, p, clock, glide_five, 5)
 
 
 @unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
 def run_laws(s, c, laws, p, clock):
     """The same with smooth laws."""
-    return go_through(s, c, laws, p, clock)
+    return go_through(s, c, laws, p, clock, None, 0)

@@ -89,7 +89,11 @@ class Plant:
     def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
         """Let a part of the kernel go over a record."""
         tables = (*self.tables, packed(record))
-        return function(name if self.laws is None else f"{name}_laws")(*map(place_of, tables), *numbers)
+        if self.laws is not None:
+            name = f"{name}_laws"
+        elif name == "run" and self.nx == 5:
+            name = "run_five"
+        return function(name)(*map(place_of, tables), *numbers)
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)
