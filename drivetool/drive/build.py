@@ -18,10 +18,6 @@ from drivetool.drive.machine_code import symbol
 # there need be no Numba: to get there is to stop.
 FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
 
-# Parts that a second pass makes faster: for all others it takes a seventh of the time of a first use, and
-# what it gives is no faster, with smooth laws by a fifth slower.
-AGAIN = {"filter.kalman"}
-
 
 def leave_to_the_end() -> None:
     """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
@@ -47,8 +43,7 @@ def build(part: str, folder: Path) -> None:
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization, options.slp_vectorization = True, False
     passes = llvm.create_pass_builder(machine, options)
-    for _ in range(2 if part in AGAIN else 1):
-        passes.getModulePassManager().run(module, passes)
+    passes.getModulePassManager().run(module, passes)
     module.verify()
     temporary = folder / f".{name}.{os.getpid()}"
     temporary.write_bytes(machine.emit_object(module))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import welch
 
 from drivetool.errors import Finding
 from drivetool.logs.spikes import quantum
@@ -43,6 +42,8 @@ def made_of_counts(signals: Mapping[str, np.ndarray], segments: Sequence[tuple[i
 
 def differs_like_counts(y: np.ndarray, size: float) -> bool:
     """Whether the fast noise of values (n,) in steps of a size is that of a rounded angle, differentiated."""
+    from scipy.signal import welch  # takes as long to load as many a fit; few records come here
+
     frequency, density = welch(y, nperseg=min(256, len(y)), detrend="linear")
     fast, middle = (float(np.median(density[(frequency >= a) & (frequency <= b)])) / 2.0 for a, b in (FAST, MIDDLE))
     rounded = size**2 / 12.0
