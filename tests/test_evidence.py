@@ -9,10 +9,13 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.decide import Decision, decide, ties
+from drivetool.check.folds import blocks_of
+from drivetool.check.forecast import blocks_under_test
 from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.check.rounds import Search
 from drivetool.check.story import doubtful, spoils
+from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import minus_log_likelihood
 
 BASE = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia",)))
@@ -230,3 +233,12 @@ def test_causes_that_leave_what_speaks_against_them_are_not_named(left, codes, f
     estimate = SimpleNamespace(findings=[SimpleNamespace(code=c) for c in codes])
     assert doubtful(search, estimate, told(after, 0.1)) == doubted
     assert not spoils(told(1.3, 0.4))  # that may be scatter
+
+
+def test_what_no_sensor_measured_is_not_foretold():
+    outputs = np.zeros((12000, 1))
+    outputs[7000:] = np.nan
+    trace = Trace(np.zeros((12000, 1)), outputs, 1e-3)
+    fold = SimpleNamespace(test=[np.ones(12000, bool)])
+    seen = blocks_under_test(fold, (trace,))
+    assert 0 < len(seen) < len(blocks_of((trace,))) and all(np.isfinite(t.outputs).any() for t in seen)

@@ -44,10 +44,11 @@ class Forecast:
 
 
 def blocks_under_test(fold: Fold, traces: Sequence[Trace]) -> list[Trace]:
-    """The blocks of a fold's test samples, as traces of their own."""
+    """The blocks of a fold's test samples in which the first sensor has a value, as traces of their own."""
     return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
                     origin=traces[i].origin + a * traces[i].step)
-            for i, a, b in blocks_of(traces) if fold.test[i][a:b].mean() > 0.5]
+            for i, a, b in blocks_of(traces)
+            if fold.test[i][a:b].mean() > 0.5 and np.isfinite(traces[i].outputs[a:b, 0]).any()]
 
 
 def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
