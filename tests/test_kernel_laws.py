@@ -112,6 +112,23 @@ def test_one_body_under_drag_comes_to_speed_as_a_hyperbolic_tangent():
     np.testing.assert_allclose(jacobian[:, 0, 1], (slope * rate * t - speed) / (2.0 * drag), atol=1e-5)
 
 
+@EACH
+def test_the_filter_carries_a_covariance_like_the_sensitivities(name):
+    """With a tiny start covariance and no noise, the variance is that of the linearised outputs."""
+    _, _, plant, trace = runs_of(name)
+    _, _, full, _ = runs_of(name, ("motor.inertia",))
+    n, tiny, start = 600, 1e-10, np.zeros(plant.nx)
+    torque, nothing = trace.inputs[:n], np.full((n, 3), np.nan)
+    out, _ = full.jacobian(Trace(torque, nothing, STEP), start)
+    seen = Trace(torque, out, STEP)
+    found = plant.filter(seen, start, np.ones(3), 0.0, np.zeros(plant.nx), np.diag([tiny] * plant.nx))
+    nq = full.system.nq
+    columns = full.jacobian(seen, start)[1][..., nq:nq + plant.nx]
+    expected = tiny * np.sum(columns**2, axis=2)
+    for m in range(3):
+        np.testing.assert_allclose(found.variance[:, m] - 1.0, expected[:, m], atol=2e-3 * expected[:, m].max())
+
+
 @pytest.mark.parametrize("name", [n for n in CASES if n not in ("stribeck", "stribeck-load", "filter")])
 def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
     """Gap, stick and slip under the observer: innovations and variances of the exact kernel."""
