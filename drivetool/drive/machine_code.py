@@ -29,11 +29,12 @@ from drivetool.progress import counted
 KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
 
 # The parts, file and name: a group is compiled when the first of it is needed, what stands in one line
-# one after the other, for it has much in common, and the lines beside one another.
+# one after the other, for it has much in common, and the lines beside one another. Two lines, for a third on
+# two cores keeps one of them from the longest.
 GROUPS = (
-    (("run.run", "filter.kalman"), ("events.rough_step",), ("modes.work_out",)),
+    (("run.run", "filter.kalman"), ("events.rough_step", "modes.work_out")),
     (("run.run_laws", "filter.kalman_laws"),
-     ("smooth_events.law_rough_step", "smooth_events.show"), ("smooth.law_columns", "laws.law_torque")),
+     ("smooth_events.law_rough_step", "smooth_events.show", "smooth.law_columns", "laws.law_torque")),
     (("events.switch_late",),),
     (("run.run_five",),),
 )
