@@ -66,7 +66,7 @@ def test_says_what_it_is(effect):
     assert effect.law and effect.needs and effect.source and effect.quantities
     assert set(effect.present) <= set(effect.quantities)
     for suffix, quantity in effect.quantities.items():
-        assert re.fullmatch(r"[a-z]+(_[a-z]+)*", suffix) and quantity.meaning and quantity.scale > 0.0
+        assert re.fullmatch(r"[a-z]+[2-9]?(_[a-z]+)*", suffix) and quantity.meaning and quantity.scale > 0.0
         assert quantity.unit_for("Nm", "rad") is not None and "{" not in quantity.unit_for("A", "m")
         low, high = quantity.bounds
         assert low < high and np.isfinite([low, high]).all()

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from drivetool.check.diagnose import base_model
-from drivetool.check.scan import _step_shape, disturbance_response, likely_orders, load_steps, steady_filter
+from drivetool.check.instants import _step_shape, load_steps
+from drivetool.check.scan import disturbance_response, likely_orders, steady_filter
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
@@ -88,7 +89,7 @@ def test_a_load_step_is_looked_for_beside_an_imbalance():
     inputs[AT:, 0] += np.ptp(inputs[:, 0])
     turning = replace(base, task=task, problem=replace(problem, traces=(replace(trace, inputs=inputs),)),
                       point=replace(base.point, starts=tuple(np.append(s, 0.0) for s in base.point.starts)))
-    instant = load_steps(turning)[0][0]
+    instant = load_steps(turning)[0][0][0]
     assert instant == pytest.approx(trace.origin + AT * trace.step, abs=0.02)
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.diagnosis import State
+from drivetool.check.instants import load_steps
 from drivetool.check.model import Model, everything, fit
-from drivetool.check.scan import half_gaps, likely_orders, likely_tips, load_steps
+from drivetool.check.scan import half_gaps, likely_orders, likely_tips
 from drivetool.check.structure import carried, may_have_tip
 from drivetool.drive.effects import EFFECTS
+from drivetool.drive.effects.load_step import RECORDS, STEPS, TORQUES
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
@@ -221,13 +223,21 @@ def _drift(base: Model) -> list[Start]:
     return found
 
 
+def with_steps(base: Model, instants: Sequence[tuple[float, int]]) -> Start:
+    """The base with loads that set in at these instants, in that record alone if its number is not zero."""
+    body, values = base.task.drive.bodies[-1], {}
+    unused = [step for step in STEPS if not present(base, f"{body}.{step}_torque")]
+    for step, (time, record) in zip(unused, instants, strict=False):
+        values |= {f"{body}.{step}_torque": 0.0, f"{body}.{step}_time": time}
+        values |= {f"{body}.{step}_record": float(record)} if record else {}
+    return added(base, values, [n for n in values if n.endswith(TORQUES)],
+                 [n for n in values if n.endswith(RECORDS)])
+
+
 def _load_step(base: Model) -> list[Start]:
-    body = base.task.drive.bodies[-1]
-    if present(base, f"{body}.step_torque"):
+    if present(base, f"{base.task.drive.bodies[-1]}.step_torque"):
         return []
-    torque, time, record = (f"{body}.{name}" for name in ("step_torque", "step_time", "step_record"))
-    return [added(base, {torque: 0.0, time: instant, **({record: number} if number else {})}, (torque,), (record,))
-            for instant, number in load_steps(base)]
+    return [with_steps(base, instants) for instants in load_steps(base)]
 
 
 def _dead_time(base: Model) -> list[Start]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.effects.load_step import TIMES, TORQUES
 from drivetool.errors import BadOption, nearest
 from drivetool.identify.estimate import Parameter
 
@@ -108,8 +109,9 @@ CAUSES = {
         ("offset", "idle_torque"),
         needs="a stretch with the torque switched off; without one an idle torque is the same"),
     "load-step": Cause(
-        "a load that set in during the record", "At one instant of the record a load torque set in.",
-        "Ask what happened at that time, or leave that part out.", "load-step", ("step_torque", "step_time")),
+        "a load that set in or ended during the record", "At one instant of the record, or at several, a load "
+        "torque set in or ended.", "Ask what happened at that time, or leave that part out.", "load-step",
+        tuple(name[1:] for pair in zip(TORQUES, TIMES, strict=True) for name in pair)),
     "outliers": Cause(
         "single wrong values", "A few samples are far from everything around them.",
         "Look for loose plugs and for disturbances on the sensor's line.", None, ("count",),

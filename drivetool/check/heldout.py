@@ -13,12 +13,13 @@ from drivetool.check.allowance import allowed
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, losses, spread, whitened
 from drivetool.check.samples import Samples
+from drivetool.drive.effects.load_step import TIMES
 from drivetool.identify.engine import looks_coloured
 from drivetool.identify.noise import filtered, fit_ratio, remembering
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
-ONE_OFF = (".step_time", ".drift_time")
+ONE_OFF = (*TIMES, ".drift_time")
 SEARCHED = (*ONE_OFF, ".ripple_order")
 LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
@@ -143,13 +144,13 @@ def located(model: Model) -> Model:
 
 
 def price_of(model: Model, base: Model) -> float:
-    """Log of how many values of a searched parameter the whole record was looked at for, one if there is none.
+    """Log of how many values of its searched parameters the whole record was looked at for, zero without any.
 
     A fit to the training samples begins at the best of them, and stays at that peak: so chance in the
     test samples has had a say in it, which is taken off.
     """
     new = [n for n in model.task.free if n not in base.task.free]
-    return float(np.log(LOOKS)) if any(n.endswith(SEARCHED) for n in new) else 0.0
+    return float(np.log(LOOKS)) * max(sum(n.endswith(TIMES) for n in new), any(n.endswith(SEARCHED) for n in new))
 
 
 def score(model: Model, folds: Sequence[Fold]) -> Score:

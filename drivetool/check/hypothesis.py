@@ -10,9 +10,10 @@ import numpy as np
 from drivetool.check.candidates import Candidate, Start, motion, travel, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
+from drivetool.check.instants import EARLY
 from drivetool.check.model import Masks, Model, fit, judge
-from drivetool.check.scan import EARLY
 from drivetool.check.structure import carried, tip_names
+from drivetool.drive.effects.load_step import TIMES
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step, schur
@@ -221,7 +222,7 @@ def _unrepeated(model: Model) -> bool:
 
 def _at_an_end(model: Model) -> bool:
     """Whether a load sets in so near to an end of every stretch that nothing tells it from a sample gone wrong."""
-    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(".step_time")]
+    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(TIMES)]
     return any(not any(t.origin + EARLY <= time <= t.origin + t.size * t.step - EARLY for t in model.problem.traces)
                for time in times)
 

@@ -17,6 +17,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
+from drivetool.check.further import with_further_steps
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
     BROKEN,
@@ -158,8 +159,9 @@ class Search:
                 lambda c: attempt(c, stand, self.masks, before.get(c.code)), among), len(among)))
             tried = [also(t, self.ends.get(t.candidate.code)) for t in tried]
             likely = self._likely(tried, promised=True, over=stand)
-            fitted = counted(f"round {len(self.rounds) + 1}: causes fitted",
-                             pool.map(lambda t: polished(t, self.masks, stand), likely), len(likely))
+            fitted = counted(f"round {len(self.rounds) + 1}: causes fitted", pool.map(
+                lambda t: with_further_steps(polished(t, self.masks, stand), stand, self.masks), likely),
+                len(likely))
             ends = self._with_special_cases(fitted)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))

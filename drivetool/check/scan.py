@@ -1,8 +1,7 @@
-"""Cheap looks at a whole range: half gaps, third masses, orders of a ripple, instants of a load step."""
+"""Cheap looks at a whole range: half gaps, third masses, orders of a ripple."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from drivetool.check.model import Model, everything, judge
 from drivetool.check.structure import carried, may_have_tip, tip_names, with_tip
 from drivetool.drive.linearise import state_space
-from drivetool.drive.simulate import Trace
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import schur
@@ -26,9 +24,9 @@ SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
 TIPS = 2  # frequencies that are worth a fit
 KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
+PERIODS = 2.0  # of a ripple that the motion must go through, for it to repeat
 HIGHEST = 0.45  # of the sampling rate, up to which a ripple is followed
 LINES = 2000  # frequencies up to there at which its trace is known
-EARLY = 0.3  # s at both ends of a record where a load step is not looked for
 
 
 def half_gaps(base: Model, name: str, torque: float) -> list[float]:
@@ -88,15 +86,15 @@ def likely_orders(base: Model) -> list[float]:
     response at the frequency n times the speed gives size and phase from sample to sample, and the
     score of an order is what that shape explains.
     """
-    z, angles, speeds = _innovations(base)
+    z, angles, speeds = innovations(base)
     reach = max(float(np.ptp(a)) for a in angles)
     top = max(float(np.quantile(np.abs(v), 0.9)) for v in speeds)
-    if (reach < 4.0 * np.pi and base.task.drive.motion_unit == "rad") or top <= 0.0:
+    if reach <= 0.0 or top <= 0.0:
         return []
     step = base.problem.traces[0].step
     spacing = np.pi / reach
     high = HIGHEST * 2.0 * np.pi / step / top
-    grid = max(spacing, 2.0 * np.pi / reach) + spacing * np.arange(ORDERS)
+    grid = PERIODS * 2.0 * np.pi / reach + spacing * np.arange(ORDERS)
     grid = grid[grid < high]
     frequencies = np.linspace(0.0, HIGHEST / step, LINES + 1)
     response = disturbance_response(base, frequencies[1:])
@@ -120,7 +118,7 @@ def likely_orders(base: Model) -> list[float]:
     return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
 
 
-def _innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+def innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """Per trace: whitened innovations (n, outputs), motor angle and motor speed (n,)."""
     passes = filtered(base.problem, base.point, base.noise)
     z, angles, speeds = [], [], []
@@ -193,73 +191,3 @@ def _seen(a: np.ndarray, c: np.ndarray) -> np.ndarray:
     for _ in range(len(a)):
         seen = seen | np.any(a[seen] != 0.0, axis=0)
     return np.flatnonzero(seen)
-
-
-def load_steps(base: Model) -> list[tuple[float, int]]:
-    """(instant [s], number of the record, or 0 for each) at which a constant torque explains innovations best."""
-    z, _, _ = _innovations(base)
-    step = base.problem.traces[0].step
-    pairs = [(t, e) for t, e in zip(base.problem.traces, z, strict=True) if t.step == step]
-    numbers = dict.fromkeys(t.record for t, _ in pairs)
-    found = [(time, 0) for _, time in _step_times(base, pairs)]
-    if len(numbers) > 1:
-        alone = [(*each, number) for number in numbers
-                 for each in _step_times(base, [p for p in pairs if p[0].record == number])]
-        found += [(time, number) for _, time, number in sorted(alone, reverse=True)[:KEEP]]
-    return found
-
-
-def _step_times(base: Model, pairs: Sequence[tuple[Trace, np.ndarray]]) -> list[tuple[float, float]]:
-    """(what it explains, instant [s]) of the best instants, the same in all these stretches.
-
-    pairs  stretch, (n, outputs) whitened innovations
-    """
-    step = pairs[0][0].step
-    begin = min(t.origin for t, _ in pairs)
-    starts = [round((t.origin - begin) / step) for t, _ in pairs]
-    n, margin = max(k + t.size for k, (t, _) in zip(starts, pairs, strict=True)), max(1, round(EARLY / step))
-    whole = _step_shape(base, max(t.size for t, _ in pairs))
-    cross, energy, overlap = np.zeros(n), np.zeros(n), np.zeros(n)
-    for first, (t, e) in zip(starts, pairs, strict=True):
-        # Before this stretch begins the torque acts in all of it, after its end in none.
-        for z, shape in zip(e.T, whole[:t.size].T, strict=True):
-            for total, own in zip((cross, energy, overlap), _matches(z, shape), strict=True):
-                total[:first] += own[0]
-                total[first:first + t.size] += own
-    # A torque from the start on is an idle torque, which the base has: take its share off.
-    rest = np.maximum(energy - overlap**2 / energy[0], 1e-3 * energy[0])
-    scores = (cross - cross[0] * overlap / energy[0]) ** 2 / rest
-    inside = scores[margin:n - margin]
-    if len(inside) < 10:
-        return []
-    return [(float(inside[i]), begin + (margin + i) * step) for i in _apart(inside, margin)[:KEEP]]
-
-
-def _step_shape(base: Model, size: int) -> np.ndarray:
-    """(size, outputs) whitened innovations that a constant torque on the load leaves from its first sample on."""
-    a, gamma, c = steady_filter(base, at_load=True)
-    x, shape = np.zeros(len(a)), np.empty((size, len(c)))
-    for k in range(size):
-        shape[k] = c @ x
-        x = a @ x + gamma
-    return shape
-
-
-def _matches(e: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Per sample k (n,): the product of e and the shape that begins there, its square, that with the one from 0."""
-    n = len(e)
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(shape, size)
-    cross = np.fft.irfft(np.fft.rfft(e, size) * np.conj(spectrum), size)[:n]
-    return cross, np.cumsum(shape**2)[::-1], np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
-
-
-def _apart(scores: np.ndarray, distance: int) -> list[int]:
-    """Indices of the highest values that lie at least `distance` apart."""
-    found: list[int] = []
-    for i in np.argsort(-scores, kind="stable"):
-        if all(abs(int(i) - j) >= distance for j in found):
-            found.append(int(i))
-        if len(found) == KEEP:
-            break
-    return found

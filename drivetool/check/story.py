@@ -20,6 +20,7 @@ from drivetool.check.model_run import run_model
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
+from drivetool.drive.effects.load_step import RECORDS
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome
@@ -69,7 +70,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
 
 def _only_in(model: Model) -> str:
     """Which record alone has an event that happened once, if there are others."""
-    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(".step_record") and v > 0.0}
+    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(RECORDS) and v > 0.0}
     names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
     return f"Only {', '.join(names)} has it." if names else ""
 

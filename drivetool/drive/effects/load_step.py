@@ -1,4 +1,4 @@
-"""A load torque that sets in once, at an instant nobody logged."""
+"""Load torques that set in or end, each at an instant nobody logged: a strip in the mill, a part on the table."""
 
 from collections.abc import Mapping
 
@@ -6,6 +6,7 @@ from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 NEVER = 1e6  # s, the upper bound of the instant
+STEPS = ("step", "step2", "step3", "step4")  # that a drive may have
 
 
 def torque(_, __, time, side, p, out):
@@ -18,37 +19,46 @@ def torque(_, __, time, side, p, out):
 
 
 def stamp(assembly, body):
-    """On the body that it acts on, which need not be the last once a third mass is found behind it."""
-    if assembly.acts(body, "step_torque"):
-        parameters = [assembly.of_body(body, s) for s in ("step_torque", "step_time")]
-        assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
+    """On the body that they act on, which need not be the last once a third mass is found behind it."""
+    for step in STEPS:
+        if assembly.acts(body, f"{step}_torque"):
+            parameters = [assembly.of_body(body, f"{step}_{what}") for what in ("torque", "time")]
+            assembly.law("load-step", [*parameters, assembly.number(2.0 * assembly.layout.step)], {}, body=body)
 
 
 def only_in(values: Mapping[str, float]) -> bool:
     """Whether a load sets in in one record only."""
-    return any(n.endswith(".step_record") and v > 0.0 for n, v in values.items())
+    return any(n.endswith(RECORDS) and v > 0.0 for n, v in values.items())
 
 
 def felt_in(values: Mapping[str, float], record: int) -> Mapping[str, float]:
     """The parameters as they are in the record of that number: a load that sets in elsewhere never does here."""
     never = {n.replace("_record", "_time"): NEVER for n, v in values.items()
-             if n.endswith(".step_record") and v not in (0.0, record)}
+             if n.endswith(RECORDS) and v not in (0.0, record)}
     return {**values, **never}
 
+
+def _named(what: str) -> tuple[str, ...]:
+    """A parameter of every step, as names of parameters end."""
+    return tuple(f".{step}_{what}" for step in STEPS)
+
+
+TORQUES, TIMES, RECORDS = _named("torque"), _named("time"), _named("record")
+KINDS = {
+    "torque": Quantity("{T}", "load torque that sets in; that ends, if it is negative", (-1e12, 1e12), 1e-2, 0.0),
+    "time": Quantity("s", "when it does", (-NEVER, NEVER), 1e-3, 0.0),
+    "record": Quantity("", "the record in which it does, by the CRC-32 of its sha256; 0: in every one",
+                       (0.0, 2.0**32), 1.0, 0.0),
+}
 
 EFFECT = Effect(
     code="load-step",
     of="body",
-    quantities={
-        "step_torque": Quantity("{T}", "load torque that sets in", (-1e12, 1e12), 1e-2, 0.0),
-        "step_time": Quantity("s", "when it sets in", (-NEVER, NEVER), 1e-3, 0.0),
-        "step_record": Quantity("", "the record in which it does, by the CRC-32 of its sha256; 0: in every one",
-                                (0.0, 2.0**32), 1.0, 0.0),
-    },
+    quantities={f"{step}_{what}": quantity for step in STEPS for what, quantity in KINDS.items()},
     stamp=stamp,
     law="T = A for t > t0",
     needs="a stretch of motion before and after; a repeated record tells it from a drift",
     source="Basseville, Nikiforov 1993, Detection of Abrupt Changes",
-    present=("step_torque",),
+    present=tuple(name[1:] for name in TORQUES),
     odd=False,
 )

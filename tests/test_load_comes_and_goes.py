@@ -1,0 +1,71 @@
+"""Loads that set in and end again, as a strip does in a mill, and ripples on an axis that hardly turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.hidden.case import make_case
+from tests.hidden.command import ask
+from tests.hidden.profiles import STEP, Profile, profile
+from tests.hidden.start import write_start
+from tests.simulator.fast import PI, simulate_fast
+from tests.simulator.machine import running
+from tests.simulator.records import write_parquet
+
+PLAIN = ["--hold", "motor.coulomb"]
+
+
+def logged(folder, case, plan, load=None, machine=None):
+    """A record of the case's machine along a profile, with a load torque beside it: (its file, the start file)."""
+    rng = np.random.default_rng(case.asked["seed"])
+    size, rated = len(plan.torque), case.rig.rated
+    noise = case.noise.sensors["motor_speed"] * rng.standard_normal(size)
+    run = simulate_fast(machine or case.rig.machine, plan.torque, STEP, plan.start, plan.controller,
+                        0.0015 * rated * rng.standard_normal(size), load_torque=load, sensor_noise=noise)
+    path = folder / "record.parquet"
+    write_parquet(path, {"motor_torque": (run.command, "Nm"), "motor_speed": (run.measured, "rad/s")}, STEP)
+    return path, write_start(case, folder)
+
+
+def steps(size, *steps):
+    """(size,) torque of loads that set in at an instant [s], each so large from then on."""
+    load = np.zeros(size)
+    for time, torque in steps:
+        load[round(time / STEP):] += torque
+    return load
+
+
+@pytest.mark.parametrize(("machine", "kind", "changes"), [
+    (951, "closed-loop", ((2.2, 0.06), (4.1, -0.06))),  # a strip goes through
+    (955, "reversing", ((1.7, 0.05), (4.3, 0.04)))])  # beside the first of them the second hardly shows
+def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path, machine, kind, changes):
+    case = make_case("none", machine, record=kind, seed=2, duration=6.0)
+    size = round(6.0 / STEP)
+    true = [(time, share * case.rig.rated) for time, share in changes]
+    log, start = logged(tmp_path, case, profile(kind, case.rig, 2), steps(size, *true))
+    answer = ask(tmp_path, [log], start, PLAIN, ["--candidates", "load-step,friction-drift,quadratic-drag"])
+    assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.talk
+    for slot, (time, torque) in zip(("step", "step2"), true, strict=True):
+        found = answer.parameters[f"load.{slot}_torque"]
+        assert abs(found["value"] - torque) < 4.0 * found["std"] < 0.1 * abs(torque)
+        assert abs(answer.parameters[f"load.{slot}_time"]["value"] - time) < 5.0 * STEP
+    assert "load.step3_torque" not in answer.parameters
+
+
+def test_a_ripple_is_found_on_an_axis_that_turns_back_and_forth_by_one_turn(tmp_path):
+    case = make_case("none", 941, seed=3, duration=8.0)
+    rig, size, order = case.rig, round(8.0 / STEP), 6.0
+    machine = replace(rig.machine, effects=replace(rig.machine.effects, ripple=(0.02 * rig.rated, order, 0.7)))
+    rate, total = 2.0 * np.pi / 4.0, sum(machine.inertia)
+    reference = 0.5 * 7.0 * rate * np.sin(rate * STEP * np.arange(size))
+    start = running(machine, 0.0)
+    dither = 0.02 * rig.rated * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], size // 8), 8)
+    plan = Profile(dither, PI(reference, 6.0 * total, 12.0 * total, start.torque, rig.rated), start)
+    log, begun = logged(tmp_path, case, plan, machine=machine)
+    answer = ask(tmp_path, [log], begun, PLAIN, ["--candidates", "torque-ripple,imbalance,load-step,coulomb-motor"])
+    assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
+    low, high = answer.parameters["motor.ripple_order"]["ci95"]
+    assert low <= order <= high
