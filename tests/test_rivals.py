@@ -1,5 +1,7 @@
 """Causes of several rounds: which stay rivals, and what a later one makes needless."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,9 @@ from drivetool.check.decide import Decision
 from drivetool.check.found import Found, rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
 from drivetool.check.model import everything, fit, from_start
-from drivetool.check.structure import carried, with_tip, without_tip
+from drivetool.check.structure import carried, states_of, with_middle, with_tip, without_third, without_tip
+from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.linearise import resonances
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import problem_of, roles_of
 from tests.recover import STEP, drive_like, experiment, linear_record, resonance
@@ -115,6 +119,35 @@ def test_a_third_mass_goes_back_to_where_it_was_split_off(base):
     added = {"load.coulomb": 0.5, "load.drag": 0.01, "motor.drag": 0.02}
     for name, value in (dict(before.values) | added).items():
         assert back.drive.value(name) == pytest.approx(value, rel=1e-12), name
+
+
+@pytest.mark.parametrize("place", [0.2, 0.7])
+def test_a_mass_in_the_shaft_leaves_the_resonance_where_it_is_and_goes_back(base, place):
+    longer, before = with_middle(base, 0.3, place), base.fitted.drive
+    assert longer.drive.bodies == ("motor", "middle", "load") and set(longer.free) > set(FREE)
+    hertz = [min(m.frequency_hz for m in resonances(d.with_values({f"{s}.damping": 0.0 for s in d.shafts}))
+                 if m.kind == "resonance") for d in (longer.drive, before)]
+    assert hertz[0] == pytest.approx(hertz[1], rel=1e-6)
+    one, other = (longer.drive.value(f"{s}.stiffness") for s in longer.drive.shafts)
+    assert other / (one + other) == pytest.approx(place, rel=1e-12)
+    back = without_third(longer, before)
+    assert back.drive.bodies == before.bodies and set(back.free) == {*FREE}
+    assert back.drive.value("load.inertia") == pytest.approx(before.value("load.inertia"), rel=1e-12)
+    assert back.drive.value("shaft.stiffness") == pytest.approx(one * other / (one + other), rel=1e-12)
+    problem = problem_of(longer.drive, longer.free, longer.roles, base.problem.traces)
+    names, start = states_of(longer, STEP), carried(base, longer, problem).starts[0]
+    twists = [start[names.index(f"{s}.twist")] for s in longer.drive.shafts]
+    assert sum(twists) == pytest.approx(base.point.starts[0][states_of(base.task, STEP).index("shaft.twist")])
+    assert twists[0] == pytest.approx(place * sum(twists))
+
+
+def test_the_sensors_of_the_load_stay_where_they_were_whatever_the_load_is_called(base):
+    task = with_tip(base, 0.3, 3.0, 0.05)
+    for last in ("load", "wheels"):
+        drive = replace(task.drive, bodies=("motor", last, "tip"), values={
+            n.replace("load.", f"{last}."): v for n, v in task.drive.values.items()})
+        assembly = Assembly(drive, Layout((), ("motor_torque",), ("load_speed",), STEP, gradient=False))
+        assert assembly.body_of("load_speed") == 1 and drive.load == last
 
 
 def test_a_swing_from_the_start_is_no_third_mass():

@@ -12,7 +12,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
 from drivetool.check.model import Masks, Model, fit, judge
-from drivetool.check.structure import carried, tip_names
+from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
@@ -201,8 +201,10 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     except BROKEN:
         return tried
     own = CAUSES[tried.candidate.code].sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
-    named = tip_names(base.task.drive)[:1] if longer else tried.smallest
+    named = tip_names(base.task.drive, third_of(tried.model.task.drive))[:1] if longer else tried.smallest
     sizes = [found[n] for n in named if n in found and (longer or n.rpartition(".")[2] in own)]
+    if longer and not sizes:
+        return replace(tried, reason="its size is not to be told", absent="no-gain")
     if not sizes or max(sizes) > TOLD or (not longer and _needed(tried.model, base, masks)):
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")

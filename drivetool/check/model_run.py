@@ -89,10 +89,10 @@ def _all_roles(drive: Drive, seen: Roles) -> tuple[str, ...]:
 
 
 def _role_of(drive: Drive, body: str) -> str:
-    """The first and the last body are motor and load in a recording, whatever the drive calls them."""
+    """The first body and the load's are motor and load in a recording, whatever the drive calls them."""
     if body == drive.bodies[0]:
         return "motor"
-    if body == drive.bodies[-1] and "load" not in drive.bodies:
+    if body == drive.load and "load" not in drive.bodies:
         return "load"
     return body
 

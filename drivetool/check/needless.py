@@ -13,7 +13,7 @@ from drivetool.check.found import Found
 from drivetool.check.heldout import unlikely
 from drivetool.check.hypothesis import BROKEN, TRIFLE
 from drivetool.check.model import Masks, Model, fit
-from drivetool.check.structure import carried, tip_names, without_tip
+from drivetool.check.structure import carried, third_of, tip_names, without_third
 from drivetool.drive.chain import Drive
 
 NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
@@ -30,7 +30,7 @@ def spared(model: Model, found: Found, first: Drive, asked: Collection[str], mas
     for code in found.causes[:-1]:
         added = found.added[code]
         longer = model.task.drive.bodies != first.bodies
-        if not added or (longer and tip_names(first)[0] not in added):
+        if not added or (longer and tip_names(first, third_of(model.task.drive))[0] not in added):
             continue
         less = as_good_without(model, added, first, masks, budget)
         if less is not None:
@@ -65,8 +65,8 @@ def as_good_without(model: Model, names: Sequence[str], first: Drive, masks: Mas
 def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks) -> Model:
     """The model without these parameters, fitted again."""
     task = model.fitted
-    if tip_names(first)[0] in names:
-        task = without_tip(task, first)
+    if tip_names(first, third_of(task.drive))[0] in names:
+        task = without_third(task, first)
     values = {n: v for n, v in task.drive.values.items() if n not in names}
     for n in [n for n in names if n.endswith(".stribeck")]:  # without its surplus friction is what it was
         dry = n.replace(".stribeck", ".coulomb")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.model import Model, everything, judge
-from drivetool.check.structure import carried, may_have_tip, tip_names, with_tip
+from drivetool.check.model import Model, everything, fit, judge
+from drivetool.check.structure import carried, may_have_tip, tip_names, with_middle, with_tip
 from drivetool.drive.linearise import state_space
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
@@ -22,6 +22,8 @@ TRACE = 0.01  # share of the last inertia at which the effect of a third mass is
 BROAD = 0.1  # its damping ratio there: a sharper one would be missed between the frequencies
 SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
 TIPS = 2  # frequencies that are worth a fit
+SHARES, PLACES = (0.1, 0.3, 0.6), (0.2, 0.5, 0.8)  # of the load and of the twist, for a mass between motor and load
+MIDDLING = 4  # steps after which they are compared
 KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
 PERIODS = 2.0  # of a ripple that the motion must go through, for it to repeat
@@ -61,6 +63,24 @@ def likely_tips(base: Model) -> list[Task]:
             found.append((growth > 0.0, promise, with_tip(base, share, times, BROAD)))
     found.sort(key=lambda f: f[:2], reverse=True)
     return [task for _, _, task in found[:TIPS]]
+
+
+def likely_middles(base: Model) -> list[Task]:
+    """Third masses between motor and load that are likeliest after a few steps, where a sensor is behind them.
+
+    Without one a body in front of the last and one behind it are the same.
+    """
+    if not may_have_tip(base.task.drive) or not any(r.startswith("load_") for r in base.task.roles.outputs):
+        return []
+    found, masks = [], everything(base.problem)
+    for share in SHARES:
+        for place in PLACES:
+            task = with_middle(base, share, place)
+            problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+            model = fit("third-mass", task, problem, carried(base, task, problem), base.noise, masks, rounds=1,
+                        renew=False, most=MIDDLING)
+            found.append((model.value, len(found), model.fitted))
+    return [task for _, _, task in sorted(found)[:TIPS]]
 
 
 def _grown(base: Model, task: Task) -> tuple[float, float]:

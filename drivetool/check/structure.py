@@ -8,11 +8,11 @@ import numpy as np
 
 from drivetool.check.model import Model
 from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import TIP, Drive
 from drivetool.identify.engine import Task
 from drivetool.identify.problem import Point, Problem
 
-TIP = "tip"
+MIDDLE = "middle"
 MOST = 0.4  # of the sampling rate: what rings faster leaves no trace
 
 
@@ -21,10 +21,15 @@ def may_have_tip(drive: Drive) -> bool:
     return len(drive.bodies) == 2
 
 
-def tip_names(drive: Drive) -> tuple[str, str, str]:
-    """Inertia, stiffness and damping of a third mass."""
+def tip_names(drive: Drive, at: str = TIP) -> tuple[str, str, str]:
+    """Inertia, stiffness and damping of a third mass behind the others, or in the shaft."""
     shaft = f"shaft{len(drive.bodies)}"
-    return f"{TIP}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"
+    return f"{at}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"
+
+
+def third_of(longer: Drive) -> str:
+    """The body that a drive has been given, behind the others or between them."""
+    return MIDDLE if MIDDLE in longer.bodies else TIP
 
 
 def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | None:
@@ -48,6 +53,51 @@ def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | Non
     free = tuple(n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping})
     # The load's sensors stay where they were.
     return replace(task, drive=longer, free=free)
+
+
+def with_middle(base: Model, share: float, place: float) -> Task:
+    """The base with a body in its shaft, whose lowest resonance stays where it is.
+
+    Where the load has a sensor of its own a mass in front of that is another thing than one behind it.
+
+    share  of the last body's inertia that goes to the new one
+    place  of the twist, that is between the motor and the new one
+    """
+    task = base.fitted
+    drive, shaft = task.drive, task.drive.shafts[0]
+    first, last = drive.bodies
+    jm, jl, ks, cs = (drive.value(n) for n in (f"{first}.inertia", f"{last}.inertia", f"{shaft}.stiffness",
+                                               f"{shaft}.damping"))
+    masses = np.array([jm * drive.turns()[-1] ** 2, share * jl, (1.0 - share) * jl])
+    shafts = np.array([ks / place, ks / (1.0 - place)])
+    across = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]) / np.sqrt(masses)
+    lowest = np.linalg.eigvalsh(across.T @ (shafts[:, None] * across))[1]
+    scale = ks * (1.0 / masses[0] + 1.0 / jl) / lowest
+    inertia, stiffness, damping = tip_names(drive, MIDDLE)
+    values = {**drive.values, f"{last}.inertia": masses[2], inertia: masses[1],
+              f"{shaft}.stiffness": scale * shafts[0], stiffness: scale * shafts[1],
+              f"{shaft}.damping": cs / place, damping: cs / (1.0 - place)}
+    longer = Drive("three-mass with a middle", (first, MIDDLE, last), (shaft, stiffness.split(".")[0]), values,
+                   drive.torque_unit, drive.motion_unit, drive.damping_law)
+    return replace(task, drive=longer, free=tuple(
+        n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping}))
+
+
+def without_middle(task: Task, before: Drive) -> Task:
+    """The task with its middle mass one with the last body again, and the two shafts in series one."""
+    inertia, stiffness, damping = tip_names(before, MIDDLE)
+    shaft, last, values = before.shafts[0], before.bodies[-1], dict(task.drive.values)
+    values[f"{last}.inertia"] += values.pop(inertia)
+    for own, further in ((f"{shaft}.stiffness", stiffness), (f"{shaft}.damping", damping)):
+        one, other = values[own], values.pop(further)
+        values[own] = one * other / (one + other) if one + other > 0.0 else 0.0
+    drive = replace(before, values=values)
+    return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in task.free))
+
+
+def without_third(task: Task, before: Drive) -> Task:
+    """The task as it was before a third mass was split off."""
+    return (without_middle if third_of(task.drive) == MIDDLE else without_tip)(task, before)
 
 
 def without_tip(task: Task, before: Drive) -> Task:
@@ -86,7 +136,16 @@ def carried(base: Model, task: Task, problem: Problem) -> Point:
                 x[j] = trace.inputs[0, 0]
             elif name == "motor_speed.filtered":
                 x[j] = start[0]
-            elif name == f"{TIP}.speed":
+            elif name in (f"{TIP}.speed", f"{MIDDLE}.speed"):
                 x[j] = start[old.index(f"{base.task.drive.bodies[-1]}.speed")]
+        if third_of(task.drive) == MIDDLE and MIDDLE not in base.task.drive.bodies:
+            _shared(x, new, task.drive)
         starts.append(x)
     return Point(np.array([task.drive.value(n) for n in task.free], float), tuple(starts))
+
+
+def _shared(x: np.ndarray, states: list[str], drive: Drive) -> None:
+    """Share the twist of what was one shaft between the two that it has become."""
+    one, other = (drive.value(f"{s}.stiffness") for s in drive.shafts)
+    at = [states.index(f"{s}.twist") for s in drive.shafts]
+    x[at] = x[at[0]] * np.array([other, one]) / (one + other)

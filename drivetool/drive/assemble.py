@@ -297,7 +297,7 @@ class Assembly:
         if owner == "motor":
             return 0
         if owner == "load":
-            return self.n - 1
+            return self.drive.bodies.index(self.drive.load)
         raise BadParameters(f"a body called {owner} for the role {role}",
                             f"the {self.drive.name} drive", "Choose another drive or role.",
                             self.drive.bodies)

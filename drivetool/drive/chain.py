@@ -21,6 +21,7 @@ from drivetool.quantity import Quantity
 # idle torque is put on the last body, where a rolling mill has most of it.
 TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
 GEARED = {"viscous": 2, "idle_torque": 1, "coulomb": 1}  # power of n by which a parameter counts less
+TIP = "tip"  # a body behind the last that diagnose has found: the load's sensors and names are not its own
 Number = TypeVar("Number", float, Dual)
 
 DampingLaw = Literal["inside", "always"]
@@ -71,6 +72,11 @@ class Drive:
     def value(self, name: str) -> float | None:
         """The value, the neutral value, or None if it is not known."""
         return self.values.get(name, self.quantity(name).neutral)
+
+    @property
+    def load(self) -> str:
+        """The body that recordings call the load: the last, but for one that diagnose has found behind it."""
+        return self.bodies[-2 if self.bodies[-1] == TIP else -1]
 
     def turns(self) -> list[float]:
         """(n,) turns of the motor for one of each body."""

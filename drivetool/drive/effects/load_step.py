@@ -45,7 +45,7 @@ def _named(what: str) -> tuple[str, ...]:
 
 TORQUES, TIMES, RECORDS = _named("torque"), _named("time"), _named("record")
 KINDS = {
-    "torque": Quantity("{T}", "load torque that sets in; that ends, if it is negative", (-1e12, 1e12), 1e-2, 0.0),
+    "torque": Quantity("{T}", "by how much the load torque changes", (-1e12, 1e12), 1e-2, 0.0),
     "time": Quantity("s", "when it does", (-NEVER, NEVER), 1e-3, 0.0),
     "record": Quantity("", "the record in which it does, by the CRC-32 of its sha256; 0: in every one",
                        (0.0, 2.0**32), 1.0, 0.0),
