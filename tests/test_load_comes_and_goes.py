@@ -7,27 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.hidden.beside import log
 from tests.hidden.case import make_case
 from tests.hidden.command import ask
 from tests.hidden.profiles import STEP, Profile, profile
 from tests.hidden.start import write_start
-from tests.simulator.fast import PI, simulate_fast
+from tests.simulator.fast import PI
 from tests.simulator.machine import running
-from tests.simulator.records import write_parquet
 
 PLAIN = ["--hold", "motor.coulomb"]
-
-
-def logged(folder, case, plan, load=None, machine=None):
-    """A record of the case's machine along a profile, with a load torque beside it: (its file, the start file)."""
-    rng = np.random.default_rng(case.asked["seed"])
-    size, rated = len(plan.torque), case.rig.rated
-    noise = case.noise.sensors["motor_speed"] * rng.standard_normal(size)
-    run = simulate_fast(machine or case.rig.machine, plan.torque, STEP, plan.start, plan.controller,
-                        0.0015 * rated * rng.standard_normal(size), load_torque=load, sensor_noise=noise)
-    path = folder / "record.parquet"
-    write_parquet(path, {"motor_torque": (run.command, "Nm"), "motor_speed": (run.measured, "rad/s")}, STEP)
-    return path, write_start(case, folder)
 
 
 def steps(size, *steps):
@@ -45,8 +33,9 @@ def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path
     case = make_case("none", machine, record=kind, seed=2, duration=6.0)
     size = round(6.0 / STEP)
     true = [(time, share * case.rig.rated) for time, share in changes]
-    log, start = logged(tmp_path, case, profile(kind, case.rig, 2), steps(size, *true))
-    answer = ask(tmp_path, [log], start, PLAIN, ["--candidates", "load-step,friction-drift,quadratic-drag"])
+    record = log(tmp_path, case, profile(kind, case.rig, 2), load=steps(size, *true))
+    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+                 ["--candidates", "load-step,friction-drift,quadratic-drag"])
     assert (answer.verdict, answer.causes) == ("named", ("load-step",)), answer.talk
     for slot, (time, torque) in zip(("step", "step2"), true, strict=True):
         found = answer.parameters[f"load.{slot}_torque"]
@@ -64,8 +53,9 @@ def test_a_ripple_is_found_on_an_axis_that_turns_back_and_forth_by_one_turn(tmp_
     start = running(machine, 0.0)
     dither = 0.02 * rig.rated * np.repeat(np.random.default_rng(3).choice([-1.0, 1.0], size // 8), 8)
     plan = Profile(dither, PI(reference, 6.0 * total, 12.0 * total, start.torque, rig.rated), start)
-    log, begun = logged(tmp_path, case, plan, machine=machine)
-    answer = ask(tmp_path, [log], begun, PLAIN, ["--candidates", "torque-ripple,imbalance,load-step,coulomb-motor"])
+    record = log(tmp_path, case, plan, machine=machine)
+    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+                 ["--candidates", "torque-ripple,imbalance,load-step,coulomb-motor"])
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
     low, high = answer.parameters["motor.ripple_order"]["ci95"]
     assert low <= order <= high

@@ -8,11 +8,13 @@ there; named is what no other cause comes close to; and what noise cannot explai
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
 
 from drivetool.check.afresh import strayed
+from drivetool.check.between_records import change_between
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.lateness import lag_of
@@ -38,6 +40,23 @@ UNCHECKED = Finding(
     "Sign and scale of the shaft torque could not be checked: the motor alone does not tell what the shaft "
     "carries.",
     {}, "Record torque steps near the resonance.")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What stays the same however often a diagnosis searches.
+
+    count   of the records that are no judges; given: drive and free parameters as they came
+    free    what is fitted again; begun: values that its own fit started from
+    """
+
+    count: int
+    given: tuple[Drive, Sequence[str]]
+    free: Sequence[str]
+    wanted: Sequence[str]
+    options: DiagnoseOptions
+    begun: Mapping[str, float]
+    notes: tuple[Finding, ...]
 
 
 def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
@@ -70,30 +89,41 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         notes.append(UNCHECKED)
     if any(f.code == "outliers" for f in faults):
         mended, faults = doubted_outliers(mended, logged, drive, free, faults)
-    def searched(records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Search:
-        train, test = records[:len(experiments)], records[len(experiments):]
-        task = task_of(records, drive, free)
-        traces = task.problem().traces
-        if sum(t.step * t.size for t in traces) < SHORTEST:
-            raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less",
-                                "Record longer, or give several logs.")
-        samples = samples_of(traces, train, test, drive)
-        base = base_model(task, fitted_samples(samples), begun)
-        search = Search(base, not_ruled_out(wanted, records), options, samples, faults, train)
-        search.possible = frozenset(not_ruled_out(tuple(CAUSES), records))
-        search.notes, search.begun = tuple(notes), begun
-        if len(free) > len(given[1]):
-            search.begin_with(base_model(task_of(records, *given), search.masks))
-        return second_look(search.run())
-
-    search = searched(mended, drive, faults)
+    asked = Asked(len(experiments), given, free, wanted, options, begun, tuple(notes))
+    search = searched(asked, mended, drive, faults)
     other = shaft_again(search, mended, blamed, wanted)
     if other is not None:
         mended, values, faults = other
-        search = searched(mended, drive.with_values({n: values[n] for n in free if n in values}), faults)
+        search = searched(asked, mended, drive.with_values({n: values[n] for n in free if n in values}), faults)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
-        search.leave_out(*without_surprises(search.model, mended))
+        search.leave_out(*without_surprises(search.model, mended[:len(search.model.task.experiments)]))
     return tell(search, drive, options)
+
+
+def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Search:
+    """A search over the records; without those held out where the drive is another one there."""
+    train, test = records[:asked.count], records[asked.count:]
+    task = task_of(records, drive, asked.free)
+    traces = task.problem().traces
+    if sum(t.step * t.size for t in traces) < SHORTEST:
+        raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less", "Record longer, or give several logs.")
+    samples = samples_of(traces, train, test, drive)
+    base = base_model(task, fitted_samples(samples), asked.begun)
+    search = Search(base, not_ruled_out(asked.wanted, records), asked.options, samples, faults, train)
+    search.possible = frozenset(not_ruled_out(tuple(CAUSES), records))
+    search.notes, search.begun = asked.notes, asked.begun
+    if len(asked.free) > len(asked.given[1]):
+        search.begin_with(base_model(task_of(records, *asked.given), search.masks))
+    folds = search.folds
+    search.run()
+    # Not before: a law that is missing asks for other values in every record, too.
+    change = search.change and change_between(base, folds)
+    long = sum(e.step * (b - a) for e in train for a, b in e.segments) >= SHORTEST
+    if change is not None and change.described and long:
+        search = searched(asked, train, drive, faults)
+        search.change = change
+        return search
+    return second_look(search)
 
 
 def shaft_again(search: Search, mended: Sequence[Experiment], blamed: Sequence[Fault], wanted: Sequence[str],

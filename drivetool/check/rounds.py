@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.afresh import at_start, likelier, returned, strayed
+from drivetool.check.between_records import Change, change_between
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
 from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
@@ -77,6 +78,7 @@ class Search:
         self.found = Found()
         self.rounds: list[Round] = []
         self.left = Remainder(0.0, 0.0, 0.0)
+        self.change: Change | None = None  # what records held out ask for
         self.trained = tuple(f.trained for f in self.folds)
         self.ends: Mapping[str, Model] = {}  # further ends of fits, from which the next round may start
 
@@ -122,6 +124,7 @@ class Search:
                 break
             self.stand_on(self.model)
         self._drop_needless()
+        self.change = change_between(self.model, self.folds)
         return self
 
     def _with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
@@ -359,6 +362,7 @@ class Search:
         """Stand on the first base again: what was found spoils free runs, and is nobody's model of the machine."""
         self.model, self.trained = self.first, tuple(f.trained for f in self.first_folds)
         self.found, self.left = Found(), remainder(self.first)
+        self.change = change_between(self.model, self.first_folds)
 
     @property
     def confident(self) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivetool.check.between_records import finding_of, told_apart
 from drivetool.check.candidates import torque_size
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
@@ -119,6 +120,11 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf))
     found = (*(f.finding for f in search.faults), *search.notes, *_changing(search))
+    if search.change is not None:
+        found = (*found, finding_of(search.change, search.model))
+        if verdict in ("unexplained", "nothing-found") and not search.found.causes:
+            verdict, experiment = "unexplained", found[-1].action
+            sentence = told_apart(search.change, search.model)
     estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else faults,

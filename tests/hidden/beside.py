@@ -1,0 +1,34 @@
+"""Records of a case's machine, or of one near it, that no kind of hidden effect makes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tests.hidden.case import Case
+from tests.hidden.profiles import STEP, Profile
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import Machine
+from tests.simulator.records import write_parquet
+
+
+def log(folder: Path, case: Case, plan: Profile, name: str = "record", machine: Machine | None = None,
+        load: np.ndarray | None = None, seed: int | None = None) -> Path:
+    """The file of a record of the case's noise and sensors along a profile.
+
+    machine  instead of the case's; sensors of the load are on its last body
+    load     (n,) torque on its last body
+    """
+    machine, rated = machine or case.rig.machine, case.rig.rated
+    rng = np.random.default_rng(case.asked["seed"] if seed is None else seed)
+    size = len(plan.torque)
+    noise = {role: std * rng.standard_normal(size) for role, std in case.noise.sensors.items()}
+    seen = noise.get("motor_speed", np.zeros(size))
+    run = simulate_fast(machine, plan.torque, STEP, plan.start, plan.controller,
+                        0.0015 * rated * rng.standard_normal(size), load_torque=load, sensor_noise=seen)
+    clean = {"motor_speed": run.measured - seen, "load_speed": run.speeds[:, -1]}
+    path = Path(folder) / f"{name}.parquet"
+    write_parquet(path, {"motor_torque": (run.command, "Nm")} | {
+        role: (clean[role] + own, "rad/s") for role, own in noise.items()}, STEP)
+    return path
