@@ -43,8 +43,9 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT), ("backlash", 44, {"record": "
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
             "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.study),
         # Most of what a loud motor speed does not show is in the shaft torque.
-        ("torque-ripple", 52001, {"seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud",
-                                  "linear": False}),
+        pytest.param("torque-ripple", 52001, {
+            "seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud", "linear": False},
+            marks=pytest.mark.study),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
@@ -143,6 +144,7 @@ def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.study
 def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     # Thirty times the damping makes up for it, and a delay that is fitted from there finds no way back.
     answer, _ = answered(("dead-time", "stribeck-load"), 300003, tmp_path / "records", tmp_path / "labels",
@@ -161,6 +163,7 @@ def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.study
 def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     """It was fitted with the shaft torque upside down: a load without end, no friction."""
     answer, causes = answered("wrong-sign-shaft", 50034, tmp_path / "records", tmp_path / "labels", [],

@@ -26,7 +26,8 @@ def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_caus
     record = log(tmp_path, case, profile("reversing", case.rig, 4))
     warmer = replace(machine, viscous=tuple(1.4 * v for v in machine.viscous))
     other = log(tmp_path, case, profile("reversing", case.rig, 5), "other", warmer, seed=5)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, [*CANDIDATES, "--holdout", other.name])
+    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN,
+                 ["--candidates", "quadratic-drag,load-step", "--holdout", other.name])
     assert answer.verdict == "unexplained" and not answer.causes, answer.talk
     content = yaml.safe_load((tmp_path / "extended.yaml").read_text())
     (told,) = [f for f in content["findings"] if f["code"] == "held-out-record-differs"]
