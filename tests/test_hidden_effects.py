@@ -197,7 +197,8 @@ def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
 
 
 @pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [
-    ("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT),
+    pytest.param("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT,
+                 marks=pytest.mark.study),
     ("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT),
     ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
 def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
