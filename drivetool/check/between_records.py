@@ -27,13 +27,14 @@ OWN = 25.0  # log likelihood to be had with values of their own, below which the
 class Change:
     """What records held out ask for.
 
-    values     parameter -> (value that the drive was fitted to, the one they ask for, its standard error)
+    values     parameter -> (value that the drive was fitted to, the one they ask for with the others held: without
+               an interval, for a little of the change may belong to those)
     gained     log likelihood that these bring, of `possible` by all parameters
     described  whether the drive describes the records with values of their own
     records    their names
     """
 
-    values: dict[str, tuple[float, float, float]]
+    values: dict[str, tuple[float, float]]
     gained: float
     possible: float
     described: bool
@@ -74,8 +75,7 @@ def _change(held: Model, masks: list[np.ndarray]) -> Change | None:
             break
         best = min(trials, key=lambda m: m.value)
         told = best.task.free
-    std = _std(best)
-    values = {n: (held.task.drive.value(n), float(best.point.values[j]), float(std[j]))
+    values = {n: (held.task.drive.value(n), float(best.point.values[j]))
               for j, n in enumerate(best.task.free)}
     left = remainder(own)
     return Change(values, held.value - best.value, possible, left.total < OWN,
@@ -104,18 +104,12 @@ def _promising(best: Model, held: Model, told: Sequence[str]) -> list[str]:
     return sorted(promise, key=lambda n: -promise[n])[:TRIED]
 
 
-def _std(model: Model) -> np.ndarray:
-    """(k,) standard errors of what is free."""
-    normal = normal_under(model.problem, model.point, model.noise)
-    return linear_step(model.problem, normal, np.ones(len(model.task.free), bool))[1]
-
-
 def words_of(change: Change, model: Model) -> str:
     """What the records held out ask for, in one clause."""
     drive = model.task.drive
-    each = [f"{n} {after:.4g} +- {std:.1g} instead of {before:.4g} {drive.unit(n)}".rstrip()
-            for n, (before, after, std) in change.values.items()]
-    return f"{' and '.join(change.records)} asks for {', '.join(each)}"
+    each = [f"{n} {after:.3g} instead of {before:.3g} {drive.unit(n)}".rstrip()
+            for n, (before, after) in change.values.items()]
+    return f"{' and '.join(change.records)} asks for {', '.join(each)}, all other values held"
 
 
 def told_apart(change: Change, model: Model) -> str:
@@ -130,7 +124,7 @@ def told_apart(change: Change, model: Model) -> str:
 def finding_of(change: Change, model: Model) -> Finding:
     """The same as a finding."""
     rest = " With values of its own the drive describes it; it was left out." if change.described else ""
-    evidence = {f"{n}.{what}": value for n, (before, after, _) in change.values.items()
+    evidence = {f"{n}.{what}": value for n, (before, after) in change.values.items()
                 for what, value in (("fitted", before), ("held_out", after))}
     return Finding(
         "warning", "held-out-record-differs", f"{words_of(change, model)}.{rest}",

@@ -53,13 +53,14 @@ class Instants:
         self.shape = _step_shape(base, max(t.size for t, _ in pairs))
         self.left = [e for _, e in pairs]
         # A torque from the start on is an idle torque, which the base has: take its share off.
-        self.energy = np.zeros(self.size)
+        energy = np.zeros(self.size)
         for first, size in self.places:
             own = np.cumsum((self.shape[:size] ** 2).sum(axis=1))[::-1]
-            self.energy[:first] += own[0]
-            self.energy[first:first + size] += own
-        self.rest, self.least = self.energy.copy(), 1e-3 * self.energy[0]
+            energy[:first] += own[0]
+            energy[first:first + size] += own
+        self.rest, self.least = energy, 1e-3 * energy[0]
         self.taken: list[int] = []
+        self.directions: list[list[np.ndarray]] = []  # of what is taken, of length one and at right angles
         self._take(0)
 
     def _against(self, stretches: Sequence[np.ndarray]) -> np.ndarray:
@@ -81,7 +82,7 @@ class Instants:
         for first, size in self.places:
             late = min(max(k - first, 0), size)
             own.append(np.concatenate((np.zeros_like(self.shape[:late]), self.shape[:size - late])))
-        for other in self.directions if self.taken else ():
+        for other in self.directions:
             share = _product(own, other)
             own = [a - share * b for a, b in zip(own, other, strict=True)]
         length = np.sqrt(max(_product(own, own), 1e-300))
@@ -89,7 +90,7 @@ class Instants:
         share = _product(self.left, own)
         self.left = [e - share * a for e, a in zip(self.left, own, strict=True)]
         self.rest = self.rest - self._against(own) ** 2
-        self.directions = [*(self.directions if self.taken else ()), own]
+        self.directions.append(own)
         self.taken.append(k)
 
     def likeliest(self) -> list[tuple[float, float]]:

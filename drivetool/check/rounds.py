@@ -18,7 +18,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
-from drivetool.check.further import with_further_steps
+from drivetool.check.further_steps import with_further_steps
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
     BROKEN,
