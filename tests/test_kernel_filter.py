@@ -13,6 +13,7 @@ from tests.simulator.simulate import simulate_linear
 from tests.test_kernel import STEP, changed, drive_of, levels, plant_of, start_of
 
 OUTPUTS = ("motor_speed", "shaft_torque")
+SPEEDS = ("motor_speed", "load_speed")  # states both: another way through the kernel
 FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "motor.coulomb")
 RIG = Machine((0.6, 5.2), (0.8, 0.3), (5.0, 0.0), (0.0, 8.0), (3300.0,), (3.1,), (0.01,), rated_torque=200.0)
 
@@ -52,9 +53,10 @@ def test_weights_without_an_observer():
     np.testing.assert_allclose(total, whole.T @ whole, rtol=1e-10, atol=1e-10 * np.abs(total).max())
 
 
+@pytest.mark.parametrize("outputs", [OUTPUTS, SPEEDS])
 @pytest.mark.parametrize("observed", [False, True])
-def test_an_output_that_is_not_measured_is_skipped(observed):
-    plant, trace = plant_of(drive_of(RIG), OUTPUTS, FREE), record(RIG, 300, 3, holes=0.3)
+def test_an_output_that_is_not_measured_is_skipped(observed, outputs):
+    plant, trace = plant_of(drive_of(RIG), outputs, FREE), record(RIG, 300, 3, holes=0.3)
     gains = random_gains(300, 4) if observed else None
     out, jac = plant.jacobian(trace, np.zeros(3), gains)
     assert np.all(np.isfinite(out)) and np.all(np.isfinite(jac))
@@ -64,7 +66,7 @@ def test_an_output_that_is_not_measured_is_skipped(observed):
     np.testing.assert_array_equal(free, plant.outputs(nothing, np.zeros(3)))
 
 
-def textbook(machine, trace, noise, extra, memory, sensor, covariance, start):
+def textbook(machine, outputs, trace, noise, extra, memory, sensor, covariance, start):
     """Joint measurement update, Joseph form. Returns (-2 log likelihood, predictions, end state)."""
     a, b, c = equations(machine)
     keep = [i for i in range(len(a)) if i != 2 * machine.bodies - 1]  # no angle
@@ -79,7 +81,7 @@ def textbook(machine, trace, noise, extra, memory, sensor, covariance, start):
     if memory is not None:
         f[m] *= memory
     h = np.zeros((2, n))
-    h[0, 0], h[1, :m] = 1.0, c[0]
+    h[0, 0], h[1, :m] = 1.0, c[0] if outputs == OUTPUTS else np.eye(m)[1]
     x, p, value, seen = start.copy(), covariance.copy(), 0.0, []
     for u, y in zip(trace.inputs[:, 0], trace.outputs, strict=True):
         seen.append(h @ x)
@@ -100,15 +102,16 @@ def textbook(machine, trace, noise, extra, memory, sensor, covariance, start):
 
 @pytest.mark.parametrize("memory", [None, 0.95])
 @pytest.mark.parametrize("lag", [None, 300.0])
-def test_kalman_pass_is_the_textbook_filter(memory, lag):
+@pytest.mark.parametrize("outputs", [OUTPUTS, SPEEDS])
+def test_kalman_pass_is_the_textbook_filter(memory, lag, outputs):
     machine = machine_by_seed(2, converter_bandwidth=lag)
-    plant = plant_of(drive_of(machine), OUTPUTS, memory=memory)
+    plant = plant_of(drive_of(machine), outputs, memory=memory)
     nx, trace = plant.system.nx, record(machine, 400, 5)
     rng = np.random.default_rng(6)
     start, covariance = rng.standard_normal(nx) * 0.1, np.diag(rng.uniform(0.1, 1.0, nx)) * 1e-2
     sensor, extra = np.array([1.0, 30.0]), rng.uniform(0.0, 1e-4, nx)
     found = plant.filter(trace, start, sensor, 4.0, extra, covariance)
-    value, seen, _ = textbook(machine, trace, 4.0, extra, memory, sensor, covariance, start)
+    value, seen, _ = textbook(machine, outputs, trace, 4.0, extra, memory, sensor, covariance, start)
     known = np.isfinite(trace.outputs)
     ours = np.log(found.variance[known]).sum() + (found.innovations[known]**2 / found.variance[known]).sum()
     assert ours == pytest.approx(value, rel=1e-10)
@@ -119,14 +122,25 @@ def test_kalman_pass_is_the_textbook_filter(memory, lag):
 
 @pytest.mark.parametrize("machine", [machine_by_seed(2), RIG, changed(RIG, dead_time=1.4 * STEP)],
                          ids=["linear", "gap and friction", "dead time"])
-def test_frozen_gains_replay_the_filter(machine):
-    plant, trace = plant_of(drive_of(machine), OUTPUTS), record(machine, 500, 7)
+@pytest.mark.parametrize("outputs", [OUTPUTS, SPEEDS])
+def test_frozen_gains_replay_the_filter(machine, outputs):
+    plant, trace = plant_of(drive_of(machine), outputs), record(machine, 500, 7)
     found = plant.filter(trace, np.zeros(3), np.array([1.0, 30.0]), 4.0, np.full(3, 1e-6))
     again = plant.outputs(trace, np.zeros(3), found.gains)
     known = np.isfinite(trace.outputs)
     np.testing.assert_allclose((trace.outputs - again)[known], found.innovations[known], atol=1e-10)
     short = plant.filter(trace, np.zeros(3), np.array([1.0, 30.0]), 4.0, np.full(3, 1e-6), keep=False)
     np.testing.assert_array_equal(short.variance, found.variance)
+
+
+@pytest.mark.parametrize("coulomb", [(0.0, 0.0), (5.0, 4.0)], ids=["gap", "gap and friction"])
+def test_an_observed_pass_is_the_same_whether_its_states_are_kept(coulomb):
+    """States are kept sample by sample; without them the pass goes from event to event."""
+    machine = changed(RIG, coulomb=coulomb)
+    plant, trace = plant_of(drive_of(machine), SPEEDS), record(machine, 2000, 9)
+    kept, short = (plant.simulate(trace, np.zeros(3), random_gains(2000, 3), keep=keep) for keep in (True, False))
+    assert kept[2] == short[2] > 50
+    np.testing.assert_allclose(short[0], kept[0], rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("slow", [0.1, 1.0])

@@ -131,11 +131,12 @@ def test_sensitivities(name):
 
 
 @pytest.mark.parametrize("coulomb", [(), (5.0, 4.0)], ids=["gap", "gap and friction"])
-def test_sensitivities_under_an_observer(coulomb):
+@pytest.mark.parametrize("outputs", [("motor_speed", "shaft_torque"), ("motor_speed", "load_speed")])
+def test_sensitivities_under_an_observer(coulomb, outputs):
     """Gains and weights that change from sample to sample, some outputs not measured."""
     machine = changed(RIG, coulomb=coulomb)
     rng = np.random.default_rng(7)
-    n, outputs = 300, ("motor_speed", "shaft_torque")
+    n = 300
     gain = rng.uniform(-0.02, 0.02, (n, 2, 3)) * [1.0, 1.0, 1e-3]
     gains = Gains(gain, rng.uniform(0.5, 2.0, (n, 2)))
     case = Case(machine, levels(machine, n, 6), start=MOVING, outputs=outputs, gains=gains)

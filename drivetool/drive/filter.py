@@ -6,10 +6,11 @@ from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
+from drivetool.drive.glide import filter_three
 from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
-from drivetool.drive.run import law_part, output_row, plain_step, reclassify, reveal
+from drivetool.drive.run import all_states, law_part, output_row, plain_step, reclassify, reveal
 from drivetool.drive.smooth import law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
 from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
@@ -204,7 +205,13 @@ def filter_through(s, c, laws, f, q, clock):
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     moved, t = c.transition, c.columns[0]
     reclassify(spring, slip_rows, reach, x, mode, guards)
-    for i in range(u.shape[0]):
+    glides, i = laws is None and fades < 0 and whole and s.nx == 3 and s.nu == 1 and all_states(picks), 0
+    while i < u.shape[0]:
+        if glides:
+            number = lookup(s, c, mode, 0) if number < 0 else number
+            i = filter_three(s, c, f, number, q, i)
+            if i == u.shape[0]:
+                break
         if laws is not None:
             reveal(s, laws, x, clock, mode, moved)
         correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
@@ -227,6 +234,7 @@ def filter_through(s, c, laws, f, q, clock):
             advance_three(p, moved, noise, q, extra)
         else:
             advance_covariance(p, moved, noise, q, extra, t)
+        i += 1
 
 
 @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)

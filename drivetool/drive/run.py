@@ -196,13 +196,19 @@ def go_through(s, c, laws, p, clock, glide, size):
     return located
 
 
+@njit(**HOT)
+def all_states(picks):
+    """Whether all outputs are states."""
+    lowest = 0
+    for pick in picks:
+        lowest = min(lowest, pick)
+    return lowest == 0
+
+
 @njit(**COMPILE)
 def may_glide(s, c, p, size):
     """Whether glide.py can take a pass from event to event: see there."""
-    for pick in s.picks:
-        if pick < 0:
-            return False
-    return (s.nx == size and s.nu == 1 and s.spans.size == 1 and c.late == 0 and p.gain.shape[0] == 0
+    return (s.nx == size and s.nu == 1 and s.spans.size == 1 and c.late == 0 and all_states(s.picks)
             and p.states.shape[0] == 0)
 
 
