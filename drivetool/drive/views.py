@@ -20,7 +20,7 @@ class Pointer(types.Type):
     def __init__(self, kind: type):
         self.members, at = {}, 0
         for name, number, dimensions in fields(kind):
-            scalar = getattr(types, number)
+            scalar = getattr(types, number.name)
             self.members[name] = at, types.Array(scalar, dimensions, "C") if dimensions else scalar
             at += 1 + dimensions
         super().__init__(kind.__name__)

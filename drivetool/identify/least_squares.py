@@ -151,9 +151,10 @@ def schur(normal: Normal, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray,
     if not normal.own:
         return matrix, slope, []
     inverses = _inverses(np.array(normal.own), damping)
-    for cross, inverse, own_slope in zip(normal.cross, inverses, normal.own_slope, strict=True):
-        matrix -= cross @ inverse @ cross.T
-        slope -= cross @ (inverse @ own_slope)
+    cross = np.array(normal.cross)
+    taken = cross @ inverses
+    matrix -= np.einsum("skm,slm->kl", taken, cross)
+    slope -= np.einsum("skm,sm->k", taken, np.array(normal.own_slope))
     return matrix, slope, list(inverses)
 
 

@@ -96,8 +96,8 @@ class Problem:
             shared += g[:k, :k]
             slope += g[:k, -1]
             cost += g[-1, -1]
-            cross.append(g[:k][:, own_columns])
-            own.append(g[np.ix_(own_columns, own_columns)])
+            cross.append(g[:k, own_columns])
+            own.append(g[own_columns[:, None], own_columns])
             own_slope.append(g[own_columns, -1])
         return Normal(shared, tuple(cross), tuple(own), slope, tuple(own_slope), float(cost))
 
