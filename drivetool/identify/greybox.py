@@ -28,6 +28,7 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.setup import reverses, roles_of
@@ -40,7 +41,7 @@ from drivetool.logs.unmeasured import measured
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
-LACKING = {"innovations-correlated", "model-error"}  # findings of a fit that something is missing
+LACKING = {"innovations-correlated", "model-error", "not-settled"}  # findings of a fit that something is missing
 SHOWS = 6.0  # log likelihood by which a dry friction of another size must be better to be freed unasked
 
 
@@ -73,7 +74,11 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     findings = [*left, *doubted_channels(task, outcome.drive), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
-    if outcome.drive.shafts and not has_gap(outcome.task) and {f.code for f in estimate.findings} & LACKING:
+    lacking = {f.code for f in estimate.findings} & LACKING
+    if lacking:
+        contradicted = contradicted_holds(task, white, options, asked)
+        estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
+    if outcome.drive.shafts and not has_gap(outcome.task) and lacking:
         opened = opened_gaps(outcome.task.at_point(outcome.solution.point), "this drive has none")
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():
