@@ -42,10 +42,20 @@ def test_what_was_not_asked_for_is_said():
     text = sentence_of("unexplained", ((), (), ()), "coulomb-load", gain(27.0, 27.0), 0.01)
     assert text.endswith("none of the candidates explains; coulomb load would.")
     named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
-    assert "lacks backlash" in named and "still 7 times the sensor's own noise" in named
+    assert "lacks backlash" in named and "7 times the sensor's own noise" in named
+    assert "a noise of the torque of 1 % of its spread" in named
 
 
-@pytest.mark.parametrize(("met", "said"), [(0.7, "half of it tells too little"), (7.0, "for noise of the torque")])
+@pytest.mark.parametrize(("shafts", "logged", "ends"), [
+    (True, ("motor_speed",), "Log the load speed or the shaft torque too."),
+    (True, ("motor_speed", "load_angle"), "Log the shaft torque too."),
+    (True, ("motor_speed", "load_speed", "shaft_torque"), "in the report."),
+    (False, ("motor_speed",), "in the report.")])
+def test_only_sensors_that_are_not_there_are_asked_for(shafts, logged, ends):
+    assert experiment_of((), "unexplained", shafts, logged).endswith(ends)
+
+
+@pytest.mark.parametrize(("met", "said"), [(0.7, "half of it tells too little"), (7.0, "puts down to a noise")])
 def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, said):
     codes = (("imbalance",), (), ("imbalance",))
     assert said in sentence_of("named", codes, "", gain(27.0, 7.0), 0.01, met * NOISE)

@@ -26,19 +26,29 @@ def taken_for_noise(gain: Gain, share: float, loud: float = LOUD) -> bool:
             and share > IMPLAUSIBLE)
 
 
-def experiment_of(between: Sequence[str], verdict: str) -> str:
-    """What would decide, or show more."""
+def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = ()) -> str:
+    """What would decide, or show more.
+
+    shafts  whether the drive has more than one body; logged: roles of the sensors that the records have
+    """
     if UNLISTED in between and verdict == "undetermined":
         return ("Hold the torque for some seconds at several levels: a noise of the torque is there too, the "
-                "effect of a law that is missing is not. Log a second sensor (load speed or shaft torque).")
+                f"effect of a law that is missing is not.{_further(shafts, logged)}")
     if verdict == "undetermined":
         return experiment_between(between)
     if verdict == "unexplained":
-        return ("Log a second sensor (load speed or shaft torque), repeat the record at other levels, and look at "
-                "the residual over speed, torque and angle in the report.")
+        return ("Repeat the record at other levels, and look at the residual over speed, torque and angle in the "
+                f"report.{_further(shafts, logged)}")
     if verdict == "nothing-found":
         return "Larger torque, more reversals or a longer record would show smaller effects."
     return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
+
+
+def _further(shafts: bool, logged: Sequence[str]) -> str:
+    """The sensors behind the shaft that the records do not have yet."""
+    roles = {"load speed": ("load_speed", "load_angle"), "shaft torque": ("shaft_torque",)}
+    lacking = [words for words, any_of in roles.items() if not set(any_of) & set(logged)] if shafts else []
+    return f" Log the {' or the '.join(lacking)} too." if lacking else ""
 
 
 def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
@@ -64,7 +74,7 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
                     "beyond noise that a cause in the catalogue would explain.")
         laws = " and ".join(c.replace("-", " ") for c in causes if c in found)
         first = f"The record is at fault ({faults}), and the" if faults else "The"
-        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met)}."
+        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met, share)}."
     if verdict == "undetermined":
         either = " or ".join(c.replace("-", " ") for c in between if c != UNLISTED)
         first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
@@ -89,12 +99,12 @@ def _times(gain: Gain) -> float:
     return gain.held_out_rmse_after / gain.noise_floor if gain.noise_floor > 0.0 else 0.0
 
 
-def _loud(gain: Gain, met: float) -> str:
+def _loud(gain: Gain, met: float, share: float) -> str:
     """What a cause that is in no catalogue may hide behind, or that half a record is too little."""
     if not np.isfinite(_times(gain)) or _times(gain) < LOUD:
         return ""
     if met < LOUD * gain.noise_floor:
         return (f"; that is still {_times(gain):.0f} times the sensor's own noise, though the drive that is fitted "
                 "to all of the record meets it: half of it tells too little of the other half")
-    return (f"; that is still {_times(gain):.0f} times the sensor's own noise, which the model takes for noise of "
-            "the torque")
+    return (f"; what is left, {_times(gain):.0f} times the sensor's own noise, the model puts down to a noise of "
+            f"the torque of {100.0 * share:.2g} % of its spread")

@@ -116,7 +116,8 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         if spoils(gain):
             search.give_up()
             gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    experiment = experiment_of(between, verdict)
+    task = search.model.task
+    experiment = experiment_of(between, verdict, bool(task.drive.shafts), task.roles.outputs)
     sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf))
     found = (*(f.finding for f in search.faults), *search.notes, *_changing(search))
