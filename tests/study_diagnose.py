@@ -36,8 +36,9 @@ from tests.hidden.command import GRADES, Answer, Running, ask, grade, run
 from tests.hidden.visibility import separation, visible
 
 ROOT = Path(__file__).parent.parent
-# Seeds that no other test uses.
-FIRST_SEED, FIRST_NULL, FIRST_MIXED = 50_000, 60_000, 80_000
+# Seeds that no other test uses; DRIVETOOL_STUDY_SHIFT draws others.
+SHIFT = int(os.environ.get("DRIVETOOL_STUDY_SHIFT", "0"))
+FIRST_SEED, FIRST_NULL, FIRST_MIXED = 50_000 + SHIFT, 60_000 + SHIFT, 80_000 + SHIFT
 MIXED = 10  # of them beside one of every effect
 # Visible: half the square is 50 units of log likelihood on the whole record, so that each of eight
 # held-out folds has more than the log of a hundred that a discovery must show.

@@ -11,7 +11,7 @@ from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.run import all_states, law_part, output_row, plain_step, reclassify, reveal
-from drivetool.drive.smooth import law_motion, law_transition
+from drivetool.drive.smooth import any_motion, law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
 from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
 
@@ -159,7 +159,7 @@ def by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t)
                 law_rough_step(laws.rough, s, c, laws, x, held, i, clock, moved, mode, part)
                 number = -1
             else:
-                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b)
+                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b, any_motion)
             number = lookup(s, c, mode, part) if number < 0 else number
             clock += s.spans[part]
         add_noise(c.leap, number, noise, b)

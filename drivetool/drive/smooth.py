@@ -23,10 +23,10 @@ CLOSE = 1e-9  # such a change that need not be made
 
 
 @njit(**HOT)
-def first_guess(s, laws, x, time, mode):
+def first_guess(s, laws, x, time, mode, n, nl):
     """Torques at the start; those at middle and end as if the parabola before went on."""
-    for m in range(laws.code.size):
-        at = laws.first + 3 * m
+    for m in range(nl):
+        at = n + 3 * m
         law_at(laws, m, x, time, mode, s.ng, laws.found[0, m])
         now, first, middle, last = laws.found[0, m, 0], x[at], x[at + 1], x[at + 2]
         x[at] = now
@@ -35,13 +35,13 @@ def first_guess(s, laws, x, time, mode):
 
 
 @njit(**HOT)
-def couple(laws, leap, k, node, weight):
+def couple(laws, leap, k, node, weight, n, nl):
     """Rows of `weight` for the torques at a node: one, less what they are changed by through the motion there.
 
     leap, k  step to the node (0 middle, 1 end), over the torques at middle and end
     returns  the largest sum of such changes in a row
     """
-    nl, n, slopes, largest = laws.code.size, laws.first, laws.slopes, 0.0
+    slopes, largest = laws.slopes, 0.0
     for m in range(nl):
         slope_of(laws.arguments, m, laws.found[1 + node, m], slopes[m], n)
         row, total = node * nl + m, 0.0
@@ -62,9 +62,8 @@ def couple(laws, leap, k, node, weight):
 
 
 @njit(**HOT)
-def add_torques(leap, k, laws, change, y):
-    """y (first,) += effect of changes (2 nl, 1) of the torques at middle and end."""
-    nl, n = laws.code.size, laws.first
+def add_torques(leap, k, change, y, n, nl):
+    """y (n,) += effect of changes (2 nl, 1) of the torques at middle and end."""
     for r in range(n):
         for m in range(nl):
             at = n + 3 * m
@@ -72,9 +71,9 @@ def add_torques(leap, k, laws, change, y):
 
 
 @njit(**HOT)
-def value_after(row, x, u, n):
-    """row (nz,) times [x, u, 1]; n states, the rest of x torques of laws."""
-    nx, nu = x.size, u.size
+def value_after(row, x, u, n, nl):
+    """row (nz,) times [x, u, 1]; n states, the rest of x the torques of nl laws."""
+    nx, nu = n + 3 * nl, u.size
     if n >= 3 and nu == 1:
         v = (row[0] * x[0] + row[1] * x[1]) + (row[2] * x[2] + row[nx] * u[0]) + row[nx + 1]
         for j in range(3, n):
@@ -91,9 +90,9 @@ def value_after(row, x, u, n):
 
 
 @njit(**HOT)
-def meet(s, c, laws, k, h, x, time, mode, mid, b):
+def meet(s, c, laws, k, h, x, time, mode, mid, b, n, nl):
     """Newton's method for the torques at middle and end; returns whether it got there."""
-    nl, n, found, weight, change = laws.code.size, laws.first, laws.found, laws.weight, laws.change
+    found, weight, change = laws.found, laws.weight, laws.change
     for _ in range(ROUNDS):
         moved, size = 0.0, 1e-30
         for m in range(nl):
@@ -102,15 +101,15 @@ def meet(s, c, laws, k, h, x, time, mode, mid, b):
             law_at(laws, m, b, time + h, mode, s.ng, found[2, m])
             change[m, 0], change[nl + m, 0] = found[1, m, 0] - x[at + 1], found[2, m, 0] - x[at + 2]
             size = max(size, abs(x[at]) + abs(found[1, m, 0]) + abs(found[2, m, 0]))
-        coupling = max(couple(laws, c.mid, k, 0, weight), couple(laws, c.leap, k, 1, weight))
-        solve(weight, laws.spare, change, 1)
+        coupling = max(couple(laws, c.mid, k, 0, weight, n, nl), couple(laws, c.leap, k, 1, weight, n, nl))
+        solve(weight, laws.spare, change, 1, 2 * nl)
         for m in range(nl):
             at = n + 3 * m
             x[at + 1] += change[m, 0]
             x[at + 2] += change[nl + m, 0]
             moved = max(moved, abs(change[m, 0]), abs(change[nl + m, 0]))
-        add_torques(c.mid, k, laws, change, mid)
-        add_torques(c.leap, k, laws, change, b)
+        add_torques(c.mid, k, change, mid, n, nl)
+        add_torques(c.leap, k, change, b, n, nl)
         if moved <= NEAR * size and min(coupling, 1.0) * moved <= CLOSE * size:
             return True
         if not moved < 1e12 * size:
@@ -119,17 +118,17 @@ def meet(s, c, laws, k, h, x, time, mode, mid, b):
 
 
 @njit(**HOT)
-def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
-    """Torques and states at middle and end of a part of a sample; False if an event may lie in it."""
-    h, n = s.spans[part], laws.first
-    first_guess(s, laws, x, time, mode)
+def motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl):
+    """What law_motion does, for n states and nl laws."""
+    h = s.spans[part]
+    first_guess(s, laws, x, time, mode, n, nl)
     for r in range(n):
-        mid[r] = value_after(c.mid[k, r], x, u[i], n)
-        b[r] = value_after(c.leap[k, r], x, u[i], n)
-    if not meet(s, c, laws, k, h, x, time, mode, mid, b):
+        mid[r] = value_after(c.mid[k, r], x, u[i], n, nl)
+        b[r] = value_after(c.leap[k, r], x, u[i], n, nl)
+    if not meet(s, c, laws, k, h, x, time, mode, mid, b, n, nl):
         return False
     if mode.size > 0:
-        for at in range(n, s.nx, 3):
+        for at in range(n, n + 3 * nl, 3):
             b[at], b[at + 1], b[at + 2] = x[at + 2], x[at + 2], x[at + 2]
         if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
             return False
@@ -137,9 +136,27 @@ def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
 
 
 @njit(**HOT)
-def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
-    """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
-    if not law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+    """Torques and states at middle and end of a part of a sample; False if an event may lie in it.
+
+    One law on two masses by itself: sizes that are known make loops without counting.
+    """
+    n, nl = laws.first, laws.code.size
+    if nl == 1 and n == 3:
+        return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, 3, 1)
+    return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl)
+
+
+@njit(**HOT)
+def any_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+    """The same without the kinds of drive by themselves, which take long to compile: for what is seldom asked."""
+    return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, laws.first, laws.code.size)
+
+
+@njit(**HOT)
+def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, motion):
+    """Carry x and big over a part of a sample by `motion`; False, and nothing moved, if an event may lie in it."""
+    if not motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
         return False
     if big.shape[1] > 0:
         law_columns(laws.columns, s, c, laws, k, x, u, i, mode, mid, b, big)
@@ -149,12 +166,9 @@ def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
 
 
 @njit(**HOT)
-def law_transition(c, laws, k, moved, slope):
-    """moved (n, n) = derivative of the state after a part over that before it; its torques have been found.
-
-    What law_columns would make of the identity. slope (n,) is scratch
-    """
-    n, nl, found, right, end, begun = laws.first, laws.code.size, laws.found, laws.right, laws.after, laws.slopes
+def transition_of(c, laws, k, moved, slope, n, nl):
+    """What law_transition does, for n states and nl laws."""
+    found, right, end, begun = laws.found, laws.right, laws.after, laws.slopes
     for m in range(nl):
         slope_of(laws.arguments, m, found[0, m], begun[m], n)
     for r in range(n):
@@ -174,7 +188,7 @@ def law_transition(c, laws, k, moved, slope):
             for r in range(n):
                 v += slope[r] * end[r, j]
             right[nl + m, j] = v
-    solve(laws.weight, laws.spare, right, n)
+    solve(laws.weight, laws.spare, right, n, 2 * nl)
     for r in range(n):
         row = c.leap[k, r]
         for j in range(n):
@@ -182,6 +196,19 @@ def law_transition(c, laws, k, moved, slope):
             for m in range(nl):
                 v += row[n + 3 * m + 1] * right[m, j] + row[n + 3 * m + 2] * right[nl + m, j]
             moved[r, j] = v
+
+
+@njit(**HOT)
+def law_transition(c, laws, k, moved, slope):
+    """moved (n, n) = derivative of the state after a part over that before it; its torques have been found.
+
+    What law_columns would make of the identity. slope (n,) is scratch
+    """
+    n, nl = laws.first, laws.code.size
+    if nl == 1 and n == 3:
+        transition_of(c, laws, k, moved, slope, 3, 1)
+    else:
+        transition_of(c, laws, k, moved, slope, n, nl)
 
 
 @njit(**HOT)
@@ -205,9 +232,8 @@ def solve_two(a, b, c, columns):
 
 
 @njit(**HOT)
-def solve(a, spare, b, columns):
-    """Solve a z = b in place of b by elimination; a is near the identity, so without pivoting."""
-    size = a.shape[0]
+def solve(a, spare, b, columns, size):
+    """Solve a z = b of `size` in place of b by elimination; a is near the identity, so without pivoting."""
     if size == 2:
         solve_two(a, b[0], b[1], columns)
         return
@@ -296,20 +322,28 @@ def moved_by(end, f, g, b, c, row):
 
 
 @njit(**HOT)
-def torque_row(laws, m, mode, nq, x, out, columns, row):
+def torque_row(laws, m, mode, nq, x, out, columns, row, n):
     """row (ns,) = sensitivities of the torque of law m at a state x with sensitivities columns (nx, ns)."""
     own_columns(laws, m, gap_side(laws.gap, m, mode), nq, x, out, row)
-    slope_of(laws.arguments, m, out, laws.slopes[m], laws.first)
-    for j in range(laws.first):
+    slope_of(laws.arguments, m, out, laws.slopes[m], n)
+    for j in range(n):
         add_scaled(row, laws.slopes[m, j], columns[j])
 
 
-@unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
-def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
-    """Sensitivities over a part without events; y, b are the states at its middle and its end."""
-    n, nl, found, right, end, slope = laws.first, laws.code.size, laws.found, laws.right, laws.after, laws.slopes
+@njit(**APART)
+def add_scaled(row, factor, other):
+    """row (ns,) += factor other, unless that is nothing."""
+    if factor != 0.0:
+        for q in range(row.size):
+            row[q] += factor * other[q]
+
+
+@njit(**HOT)
+def columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl):
+    """What law_columns does, for n states and nl laws."""
+    found, right, end, slope = laws.found, laws.right, laws.after, laws.slopes
     for m in range(nl):
-        torque_row(laws, m, mode, s.nq, x, found[0, m], big, big[n + 3 * m])
+        torque_row(laws, m, mode, s.nq, x, found[0, m], big, big[n + 3 * m], n)
     for r in range(n):
         for q in range(big.shape[1]):
             end[r, q] = 0.0
@@ -321,8 +355,8 @@ def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
         for r in range(n):
             if slope[m, r] != 0.0:
                 add_row(c.mid[k, r], c.dmid[k, r], x, u[i], n, big, slope[m, r], right[m])
-        torque_row(laws, m, mode, s.nq, b, found[2, m], end, right[nl + m])
-    solve(laws.weight, laws.spare, right, big.shape[1])
+        torque_row(laws, m, mode, s.nq, b, found[2, m], end, right[nl + m], n)
+    solve(laws.weight, laws.spare, right, big.shape[1], 2 * nl)
     for r in range(n):
         row = c.leap[k, r]
         moved_by(end[r], row[n + 1], row[n + 2], right[0], right[nl], big[r])
@@ -332,9 +366,11 @@ def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
             add_scaled(big[r], row[at + 2], right[nl + m])
 
 
-@njit(**APART)
-def add_scaled(row, factor, other):
-    """row (ns,) += factor other, unless that is nothing."""
-    if factor != 0.0:
-        for q in range(row.size):
-            row[q] += factor * other[q]
+@unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
+def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
+    """Sensitivities over a part without events; y, b are the states at its middle and its end."""
+    n, nl = laws.first, laws.code.size
+    if nl == 1 and n == 3:
+        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, 3, 1)
+    else:
+        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl)

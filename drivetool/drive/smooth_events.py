@@ -90,7 +90,7 @@ def begin(s, laws, x, time, mode):
 def start_columns(s, laws, x, mode, big):
     """Row of the torque of each law at the start."""
     for m in range(laws.code.size):
-        torque_row(laws, m, mode, s.nq, x, laws.found[0, m], big, big[laws.first + 3 * m])
+        torque_row(laws, m, mode, s.nq, x, laws.found[0, m], big, big[laws.first + 3 * m], laws.first)
 
 
 @njit(**APART)
@@ -190,12 +190,12 @@ def stretch_columns(s, c, laws, a, x, u, time, h, te, mode, big):
             c.vectors[3, r] = horner(w[:, r], t)
         for m in range(nl):
             i, slope = node * nl + m, laws.slopes[m]
-            torque_row(laws, m, mode, s.nq, c.vectors[3], laws.found[1 + node, m], nodes[node], right[i])
+            torque_row(laws, m, mode, s.nq, c.vectors[3], laws.found[1 + node, m], nodes[node], right[i], n)
             for j in range(2 * nl):
                 weight[i, j] = 1.0 if i == j else 0.0
                 for r in range(n):
                     weight[i, j] -= slope[r] * nodes[node, r, ns + j]
-    solve(weight, laws.spare, right, ns)
+    solve(weight, laws.spare, right, ns, 2 * nl)
     for r in range(n):
         for q in range(ns):
             big[r, q] = nodes[2, r, q]

@@ -136,10 +136,15 @@ def test_table_of_fit_times():
 DRAG = "load.drag"
 
 
-def kernel_calls(name: str, law: str = "") -> dict[str, Callable[[], object]]:
-    """Passes of the kernel over a record, one trace; with a smooth law, whose amplitude is free too."""
+def kernel_calls(name: str, law: str = "", most: int | None = None) -> dict[str, Callable[[], object]]:
+    """Passes of the kernel over a record, one trace; with a smooth law, whose amplitude is free too.
+
+    most  parameters that are free; None: all of the case
+    """
     case = CASES[name]
     task = task_of(case, case.start())
+    task = replace(task, free=task.free[:most])
+    name = name if most is None else f"{name} with {most} free"
     if law:
         task = replace(task, drive=task.drive.with_values({law: 0.05}), free=(*task.free, law))
         name = f"{name} with {law}"
@@ -155,7 +160,9 @@ def kernel_calls(name: str, law: str = "") -> dict[str, Callable[[], object]]:
 def test_table_of_kernel_times():
     """Per sample, against the floor of the same run, and three masses against two."""
     sizes = {n: CASES[n].record().size for n in ("main", "three")}
+    count = len(CASES["main"].free)
     calls = kernel_calls("main") | kernel_calls("three") | kernel_calls("main", DRAG)
+    calls |= kernel_calls("three", most=count)
     n = sizes["main"]
     calls["floor: recursion"] = floor.recursion(n)
     if (vectorised := floor.with_sensitivities(n)) is not None:
@@ -173,6 +180,8 @@ def test_table_of_kernel_times():
     for what in ("simulation", "sensitivities"):
         ratio = each[f"three: {what}"] / each[f"main: {what}"]
         print(f"  three masses over two, {what:<14}{ratio:6.1f}   wanted 2.5")
+    ratio = each[f"three with {count} free: sensitivities"] / each["main: sensitivities"]
+    print(f"  the same with as many free parameters{ratio:6.1f}")
     ratio = each[f"main with {DRAG}: sensitivities"] / each["floor: recursion"]
     print(f"  smooth law with sensitivities over the recursion {ratio:8.0f}   wanted {500 / 4.4:.0f}")
 
