@@ -33,8 +33,8 @@ KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in
 # two cores keeps one of them from the longest.
 GROUPS = (
     (("run.run", "filter.kalman"), ("events.rough_step", "modes.work_out")),
-    (("run.run_laws", "filter.kalman_laws"),
-     ("smooth_events.law_rough_step", "smooth_events.show", "smooth.law_columns", "laws.law_torque")),
+    (("filter.kalman_laws", "laws.law_torque"),
+     ("run.run_laws", "smooth.law_columns", "smooth_events.law_rough_step", "smooth_events.show")),
     (("events.switch_late",),),
     (("run.run_five",),),
 )

@@ -139,17 +139,17 @@ def motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl):
 def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
     """Torques and states at middle and end of a part of a sample; False if an event may lie in it.
 
-    One law on two masses by itself: sizes that are known make loops without counting.
+    One law by itself: a size that is known makes loops without counting.
     """
     n, nl = laws.first, laws.code.size
-    if nl == 1 and n == 3:
-        return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, 3, 1)
+    if nl == 1:
+        return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, 1)
     return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl)
 
 
 @njit(**HOT)
 def any_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
-    """The same without the kinds of drive by themselves, which take long to compile: for what is seldom asked."""
+    """The same without one law by itself, which takes long to compile: for what is seldom asked."""
     return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, laws.first, laws.code.size)
 
 
@@ -205,8 +205,8 @@ def law_transition(c, laws, k, moved, slope):
     What law_columns would make of the identity. slope (n,) is scratch
     """
     n, nl = laws.first, laws.code.size
-    if nl == 1 and n == 3:
-        transition_of(c, laws, k, moved, slope, 3, 1)
+    if nl == 1:
+        transition_of(c, laws, k, moved, slope, n, 1)
     else:
         transition_of(c, laws, k, moved, slope, n, nl)
 
@@ -370,7 +370,7 @@ def columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl):
 def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
     n, nl = laws.first, laws.code.size
-    if nl == 1 and n == 3:
-        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, 3, 1)
+    if nl == 1:
+        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, 1)
     else:
         columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl)
