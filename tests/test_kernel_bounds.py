@@ -26,7 +26,7 @@ class Fenced:
         for name, number, dimensions in fields(type(values)):
             if dimensions:
                 array = getattr(values, name)
-                room = np.full(array.size + 2 * MARGIN, BESIDE[number], number)
+                room = np.full(array.size + 2 * MARGIN, BESIDE[number.name], number)
                 inside[name] = room[MARGIN:MARGIN + array.size].reshape(array.shape)
                 inside[name][...] = array
                 self.kept.append((name, room, inside[name], array))
