@@ -125,7 +125,7 @@ def _whole(problem: Problem, trial: Point, gains: Sequence[Gains] | None) -> Nor
     with np.errstate(over="ignore", invalid="ignore"):
         normal = problem.normal(trial, gains)
     finite = np.isfinite(normal.cost) and all(
-        np.isfinite(a).all() for a in (normal.shared, normal.slope, *normal.own, *normal.cross))
+        np.isfinite(a).all() for a in (normal.shared, normal.slope, np.array(normal.own), np.array(normal.cross)))
     return normal if finite else replace(normal, cost=np.inf)
 
 
@@ -164,7 +164,10 @@ def _inverses(own: np.ndarray, damping: float) -> np.ndarray:
     size[size < FAINT] = 1.0
     square = size[:, :, None] * size[:, None, :]
     scaled = own / square + damping * np.eye(own.shape[1])
-    return np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / square
+    values, vectors = np.linalg.eigh(scaled)
+    told = np.abs(values) > 1e-13 * np.abs(values).max(axis=1, keepdims=True)
+    over = np.divide(1.0, values, out=np.zeros_like(values), where=told)
+    return (vectors * over[:, None, :]) @ vectors.transpose(0, 2, 1) / square
 
 
 def marquardt_step(problem: Problem, point: Point, normal: Normal, damping: float,
