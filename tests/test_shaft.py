@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivetool.check.model import from_start
 from drivetool.check.shaft import lead_of, scale_of, shaft_fault
+from drivetool.drive.chain import three_mass
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
+from drivetool.logs.build import open_experiment
+from tests.hidden import make_case
+from tests.hidden.start import plain_values
 from tests.recover import STEP, drive_like, experiment, resonance
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed
@@ -74,3 +80,20 @@ def test_a_factor_gains_nothing_where_the_sensor_says_nothing(factor):
     record = replace(record, signals={**record.signals, "shaft_torque": noise})
     task = Task(drive, FREE, roles_of([record], drive), (record,))
     assert abs(lead_of(factor, [task])) < 2.0
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_a_base_of_three_bodies_led_astray_is_left_for_where_it_began(told):
+    """Loads hundreds of times too light, shafts a hundred times too soft, as a sensor upside down leaves them."""
+    case = make_case("wrong-sign-shaft", 67022, seed=67022, bodies=3, duration=3.0,
+                     sensors=("motor_angle", "shaft_torque", "load_angle"))
+    plain = plain_values(case.rig)
+    begun = {n: v * (1.1 if i % 2 else 0.9) for i, (n, v) in enumerate(plain.items())}
+    astray = {"gear.inertia": 4e-5, "arm.inertia": 7e-5, "shaft.stiffness": 1.7, "shaft2.stiffness": 0.29,
+              "shaft.damping": 1e-3, "shaft2.damping": 2e-4}
+    with tempfile.TemporaryDirectory() as room:
+        logs, _ = case.write_records(Path(room))
+        records = [open_experiment(log) for log in logs]
+    drive = three_mass().with_values(begun | astray)
+    _, _, faults = shaft_fault(records, drive, tuple(begun), ("wrong-sign", "wrong-scale"), begun if told else {})
+    assert [f.code for f in faults] == (["wrong-sign"] if told else [])

@@ -83,7 +83,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     notes: list[Finding] = []
     blamed: list[Fault] = []
     try:
-        mended, drive, blamed = shaft_fault(mended, drive, free, wanted)
+        mended, drive, blamed = shaft_fault(mended, drive, free, wanted, begun)
         faults += blamed
     except (np.linalg.LinAlgError, DriveToolError):
         notes.append(UNCHECKED)
@@ -141,7 +141,8 @@ def shaft_again(search: Search, mended: Sequence[Experiment], blamed: Sequence[F
     factor, std = told[0]["factor"], told[0]["std"]
     task = search.model.fitted
     try:
-        records, drive, faults = shaft_fault(rescaled(mended, 1.0 / factor), task.drive, task.free, wanted)
+        records, drive, faults = shaft_fault(rescaled(mended, 1.0 / factor), task.drive, task.free, wanted,
+                                              search.begun)
     except (np.linalg.LinAlgError, DriveToolError):
         return None
     found = faults[0].finding.evidence["factor"] if faults else 1.0

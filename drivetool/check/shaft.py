@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -30,11 +31,14 @@ SHARES, RESONANCES = (0.15, 0.5, 0.85), (8.0, 20.0, 50.0)
 
 
 def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], wanted: Sequence[str],
+                begun: Mapping[str, float] = MappingProxyType({}),
                 ) -> tuple[tuple[Experiment, ...], Drive, list[Fault]]:
     """(mended experiments, drive to start from, faults): sign and scale of the shaft torque.
 
     The drive is fitted to the motor alone, which knows the shaft torque up to the scale of the motor
     torque; which of the two channels is wrong, only a known inertia tells.
+
+    begun  values that the fit of the drive started from: a wrong sensor may have led it far astray
     """
     roles = roles_of(experiments, drive)
     alone = Roles(roles.inputs, tuple(r for r in roles.outputs if r != "shaft_torque"))
@@ -43,7 +47,8 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         return tuple(experiments), drive, []
     task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
     models = []
-    for values in ({}, *_elsewhere(task)):
+    starts = [{}, *filter(None, [{n: begun[n] for n in task.free if n in begun}]), *_elsewhere(task)]
+    for values in starts:
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
             models.append(from_start(task.at(values)))
     if not models:
