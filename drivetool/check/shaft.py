@@ -47,8 +47,8 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         return tuple(experiments), drive, []
     task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
     models = []
-    starts = [{}, *filter(None, [{n: begun[n] for n in task.free if n in begun}]), *_elsewhere(task)]
-    for values in starts:
+    first = {n: begun[n] for n in task.free if n in begun}
+    for values in ({}, *([first] if first else ()), *_elsewhere(task)):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
             models.append(from_start(task.at(values)))
     if not models:

@@ -6,7 +6,7 @@ from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
-from drivetool.drive.glide import filter_three
+from drivetool.drive.glide import advanced_three, filter_three, lower_three, put_three, three_of
 from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
@@ -93,25 +93,6 @@ def advance_covariance(p, f, noise, q, extra, t):
             p[j, k] = v
             p[k, j] = v
         p[j, j] += extra[j]
-
-
-@njit(**HOT)
-def advance_three(p, f, noise, q, extra):
-    """The same for three states, which is most of a pass over the record of a two-mass drive."""
-    f00, f01, f02 = f[0, 0], f[0, 1], f[0, 2]
-    f10, f11, f12 = f[1, 0], f[1, 1], f[1, 2]
-    f20, f21, f22 = f[2, 0], f[2, 1], f[2, 2]
-    a, b, c, d, e, g = p[0, 0], p[1, 0], p[1, 1], p[2, 0], p[2, 1], p[2, 2]
-    t00, t01, t02 = f00 * a + f01 * b + f02 * d, f00 * b + f01 * c + f02 * e, f00 * d + f01 * e + f02 * g
-    t10, t11, t12 = f10 * a + f11 * b + f12 * d, f10 * b + f11 * c + f12 * e, f10 * d + f11 * e + f12 * g
-    t20, t21, t22 = f20 * a + f21 * b + f22 * d, f20 * b + f21 * c + f22 * e, f20 * d + f21 * e + f22 * g
-    k0, k1, k2 = noise[0], noise[1], noise[2]
-    p[0, 0] = (t00 * f00 + t01 * f01 + t02 * f02) + (q * k0 * k0 + extra[0])
-    p[1, 1] = (t10 * f10 + t11 * f11 + t12 * f12) + (q * k1 * k1 + extra[1])
-    p[2, 2] = (t20 * f20 + t21 * f21 + t22 * f22) + (q * k2 * k2 + extra[2])
-    p[1, 0] = p[0, 1] = (t10 * f00 + t11 * f01 + t12 * f02) + q * k1 * k0
-    p[2, 0] = p[0, 2] = (t20 * f00 + t21 * f01 + t22 * f02) + q * k2 * k0
-    p[2, 1] = p[1, 2] = (t20 * f10 + t21 * f11 + t22 * f12) + q * k2 * k1
 
 
 @njit(**HOT)
@@ -231,7 +212,7 @@ def filter_through(s, c, laws, f, q, clock):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)
         if nx == 3:
-            advance_three(p, moved, noise, q, extra)
+            put_three(p, advanced_three(lower_three(p), moved, three_of(noise), q, extra))
         else:
             advance_covariance(p, moved, noise, q, extra, t)
         i += 1

@@ -177,13 +177,27 @@ def advanced_three(p, f, noise, q, extra):
 
 
 @njit(**HOT)
+def lower_three(full):
+    """The lower half of a symmetric matrix (3, 3), by rows."""
+    return full[0, 0], full[1, 0], full[1, 1], full[2, 0], full[2, 1], full[2, 2]
+
+
+@njit(**HOT)
+def put_three(full, p):
+    """Write a symmetric matrix (3, 3) of which p are the rows of the lower half."""
+    full[0, 0], full[1, 1], full[2, 2] = p[0], p[2], p[5]
+    full[1, 0] = full[0, 1] = p[1]
+    full[2, 0] = full[0, 2] = p[3]
+    full[2, 1] = full[1, 2] = p[4]
+
+
+@njit(**HOT)
 def filter_three(s, c, f, k, q, i):
     """Samples of a Kalman pass from i on in the mode of slot k; returns the first that was not done.
 
     s, c, f  system, cache and filtering, of three states that do not fade, and one input; all outputs are states
     """
-    e, rows, looks, mode, x, full = c.leap[k], c.watch[k], c.looks[k], f.mode, three_of(f.x), f.p
-    p = full[0, 0], full[1, 0], full[1, 1], full[2, 0], full[2, 1], full[2, 2]
+    e, rows, looks, mode, x, p = c.leap[k], c.watch[k], c.looks[k], f.mode, three_of(f.x), lower_three(f.p)
     u, y, r, extra, gain, var, innov, states = f.u, f.y, f.r, f.extra, f.gain, f.var, f.innov, f.states
     noise = e[0, 3] + f.kick[0], e[1, 3] + f.kick[1], e[2, 3] + f.kick[2]
     reach, level, picks = s.reach, c.hold, s.picks
@@ -210,8 +224,5 @@ def filter_three(s, c, f, k, q, i):
         x, p = b, advanced_three(w, e, noise, q, extra)
         i += 1
     f.x[0], f.x[1], f.x[2] = x
-    full[0, 0], full[1, 1], full[2, 2] = p[0], p[2], p[5]
-    full[1, 0] = full[0, 1] = p[1]
-    full[2, 0] = full[0, 2] = p[3]
-    full[2, 1] = full[1, 2] = p[4]
+    put_three(f.p, p)
     return i
