@@ -135,7 +135,7 @@ def test_frozen_gains_replay_the_filter(machine, outputs):
 
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), (5.0, 4.0)], ids=["gap", "gap and friction"])
 def test_an_observed_pass_is_the_same_whether_its_states_are_kept(coulomb):
-    """States are kept sample by sample; without them the pass goes from event to event."""
+    """Also across several hundred events, from one of which it goes to the next."""
     machine = changed(RIG, coulomb=coulomb)
     plant, trace = plant_of(drive_of(machine), SPEEDS), record(machine, 2000, 9)
     kept, short = (plant.simulate(trace, np.zeros(3), random_gains(2000, 3), keep=keep) for keep in (True, False))

@@ -357,7 +357,7 @@ class Assembly:
         memory = np.ones(nx)
         if self.layout.memory is not None:
             memory[self.states.index("disturbance")] = self.layout.memory
-        ns = -(-(nq + nx + 1) // PAD) * PAD if self.layout.gradient else nx
+        ns = -(-(nq + nx + self.layout.gradient) // PAD) * PAD
         return System(
             rows, self._jets(self.masses + [self.number(1.0)] * (nx - self.n)), spring,
             self._jets(reach), np.array([(k, k + 1) for k in self.gaps], np.int64).reshape(-1, 2),

@@ -52,6 +52,7 @@ def unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
             return types.none(types.int64, types.StarArgTuple(kinds)), code
 
         call.made = lambda: numba.cfunc(gives(*kinds), **PLAIN)(function)
+        call.home = function.__module__
         return call
 
     return decorate

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
 from drivetool.drive.events import rough_step
-from drivetool.drive.glide import advanced_three, filter_three, lower_three, put_three, three_of
+from drivetool.drive.glide import carrier, filter_glider, stepper
 from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
-from drivetool.drive.run import all_states, law_part, output_row, plain_step, reclassify, reveal
+from drivetool.drive.outputs import output_row
+from drivetool.drive.run import law_part, plain_step, reclassify, reveal
 from drivetool.drive.smooth import any_motion, law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
 from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
@@ -120,7 +123,7 @@ def glided(s, c, laws, k, x, u, i, clock, mode, moved, noise, b):
 
 
 @njit(**HOT)
-def by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t):
+def by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, moved, noise, b, t):
     """The same where the torque switches inside the sample, or an event lies in it; returns the slot at its end."""
     n, parts = noise.size, s.spans.size
     for j in range(n):
@@ -131,8 +134,14 @@ def by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t)
         held = late if part < s.early else u
         if laws is None:
             number = lookup(s, c, mode, part)
-            if parts == 1 or not plain_step(c.leap, c.dleap, c.watch, c.looks, s.reach, c.hold, number, x, held, i,
-                                            moved, mode, b, t):
+            if parts == 1:
+                free = False
+            elif step is not None:
+                free = step(s, c, number, x, held, i, moved, mode)
+            else:
+                free = plain_step(c.leap, c.dleap, c.watch, c.looks, s.reach, c.hold, number, x, held, i, moved,
+                                  mode, b, t)
+            if not free:
                 rough_step(c.rough, s, c, x, held, i, moved, mode, part)
                 number = lookup(s, c, mode, part)
         else:
@@ -169,13 +178,14 @@ def correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i
 
 
 @njit(**COMPILE)
-def filter_through(s, c, laws, f, q, clock):
+def filter_through(s, c, laws, f, q, clock, glide, step, carry):
     """Extended Kalman filter: exact mode-wise transitions, sensitivities across events.
 
     f      a Filtering; the system has no free parameters, and ns = nx columns
     laws   None where there are none
     q      torque noise variance, entering with the first input
     clock  time of the first sample [s]
+    glide, step, carry  of glide.py, for just so many states and one input; None for any
     """
     nx = s.plain
     u, late, y, r, extra, kick, p, x, mode = f.u, f.late, f.y, f.r, f.extra, f.kick, f.p, f.x, f.mode
@@ -186,11 +196,11 @@ def filter_through(s, c, laws, f, q, clock):
     row, b, k, noise = c.vectors[0], c.vectors[1], c.vectors[2], c.vectors[4][:nx]
     moved, t = c.transition, c.columns[0]
     reclassify(spring, slip_rows, reach, x, mode, guards)
-    glides, i = laws is None and fades < 0 and whole and s.nx == 3 and s.nu == 1 and all_states(picks), 0
+    i = 0
     while i < u.shape[0]:
-        if glides:
+        if glide is not None and whole:
             number = lookup(s, c, mode, 0) if number < 0 else number
-            i = filter_three(s, c, f, number, q, i)
+            i = glide(s, c, f, number, q, i)
             if i == u.shape[0]:
                 break
         if laws is not None:
@@ -206,13 +216,13 @@ def filter_through(s, c, laws, f, q, clock):
             if laws is not None and s.nf > 0:
                 set_hold(s, c, laws, clock)
         if not whole or not glided(s, c, laws, number, x, u, i, clock, mode, moved, noise, b):
-            number = by_parts(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b, t)
+            number = by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, moved, noise, b, t)
         clock += length
         for j in range(nx):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)
-        if nx == 3:
-            put_three(p, advanced_three(lower_three(p), moved, three_of(noise), q, extra))
+        if carry is not None:
+            carry(p, moved, noise, q, extra)
         else:
             advance_covariance(p, moved, noise, q, extra, t)
         i += 1
@@ -221,10 +231,25 @@ def filter_through(s, c, laws, f, q, clock):
 @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
 def kalman(s, c, f, q, clock):
     """Filter a record; see filter_through."""
-    filter_through(s, c, None, f, q, clock)
+    filter_through(s, c, None, f, q, clock, None, None, None)
+
+
+def made_for(n: int) -> Callable:
+    """The same for n states and one input only, which is much faster."""
+    glide, step, carry = filter_glider(n), stepper(n), carrier(n)
+
+    @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
+    def kalman(s, c, f, q, clock):
+        filter_through(s, c, None, f, q, clock, glide, step, carry)
+
+    return kalman
+
+
+# Two masses, two with an angle, three, three with an angle.
+kalman_three, kalman_four, kalman_five, kalman_six = made_for(3), made_for(4), made_for(5), made_for(6)
 
 
 @unit(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)
 def kalman_laws(s, c, laws, f, q, clock):
     """The same with smooth laws."""
-    filter_through(s, c, laws, f, q, clock)
+    filter_through(s, c, laws, f, q, clock, None, None, None)

@@ -1,7 +1,7 @@
-"""Two and three masses between events: the state stays in registers from sample to sample.
+"""From event to event: the state stays in registers from sample to sample.
 
-What is done at a sample is what run.py does there. A sample in which an event may lie is not begun, or begun
-and left to run.py, which does it from its start.
+What is done at a sample is what run.py and filter.py do there. A sample in which an event may lie is not begun, or
+begun and left to them, who do it from its start.
 """
 
 from __future__ import annotations
@@ -11,44 +11,26 @@ from collections.abc import Callable
 from numba import njit
 
 from drivetool.drive.compiled import APART, HOT
-from drivetool.drive.kernel import propagate_five, propagate_three, value_five, value_three
-
-
-@njit(**HOT)
-def next_three(e, x, u):
-    """The state a sample later."""
-    return value_three(e, 0, x, u), value_three(e, 1, x, u), value_three(e, 2, x, u)
-
-
-@njit(**HOT)
-def next_five(e, x, u):
-    """The same for five states."""
-    return (value_five(e, 0, x, u), value_five(e, 1, x, u), value_five(e, 2, x, u), value_five(e, 3, x, u),
-            value_five(e, 4, x, u))
-
-
-@njit(**HOT)
-def three_of(x):
-    """The state as numbers by themselves."""
-    return x[0], x[1], x[2]
-
-
-@njit(**HOT)
-def five_of(x):
-    """The same for five states."""
-    return x[0], x[1], x[2], x[3], x[4]
-
-
-@njit(**HOT)
-def corrected_three(x, k, e):
-    """The state after the correction by k times the innovation e."""
-    return x[0] + k[0] * e, x[1] + k[1] * e, x[2] + k[2] * e
-
-
-@njit(**HOT)
-def corrected_five(x, k, e):
-    """The same for five states."""
-    return x[0] + k[0] * e, x[1] + k[1] * e, x[2] + k[2] * e, x[3] + k[3] * e, x[4] + k[4] * e
+from drivetool.drive.kernel import fading
+from drivetool.drive.outputs import output_gradient, output_row
+from drivetool.drive.registers import (
+    along,
+    carried,
+    column,
+    combined,
+    corrected,
+    following,
+    half_of,
+    lessened,
+    product,
+    put,
+    put_half,
+    scaled,
+    taker,
+    turned,
+    turned_with,
+)
+from drivetool.drive.system import NARROW, WIDE
 
 
 @njit(**APART)
@@ -68,161 +50,193 @@ def weighted_row(col, g, e, seen, row):
     seen[last], row[last] = 0.0, -g * e
 
 
-def keeper(value: Callable) -> Callable:
-    """keeps(...): whether the mode holds from z to b, as kernel.stays asks; observed where z has been corrected."""
+@njit(**APART)
+def write_row(jac, i, m, col, g, e):
+    """Row of the weighted Jacobian, the weighted residual in its last column."""
+    last = col.size - 1
+    for q in range(last):
+        jac[i, m, q] = g * col[q]
+    jac[i, m, last] = -g * e
+
+
+@njit(**HOT)
+def seen(s, mode, m, z, x, row):
+    """Output m at the state z; where it is more than a state, x becomes z and row what gives it over x."""
+    pick = s.picks[m]
+    if pick >= 0:
+        return z[pick]
+    put(x, 0, z)
+    return output_row(s.outputs, s.spring, s.reach, s.output_gap, s.picks, mode, m, x, row)
+
+
+@njit(**HOT)
+def keeps(rows, looks, mode, reach, level, z, b, torque, observed):
+    """Whether the mode holds from z to b, as kernel.stays asks; observed where z has been corrected."""
+    gaps, smooth, width = reach.shape[0], True, rows.shape[2]
+    for element in range(mode.size):
+        digit, row = mode[element], rows[element]
+        first, last = along(row, 0, z, torque), along(row, 0, b, torque)
+        low, high, bend = min(first, last), max(first, last), 0.0
+        before, now = first, first
+        for m in range(1, looks + 1):
+            v = along(row, m * width, z, torque)
+            low, high = min(low, v), max(high, v)
+            bend = max(bend, abs(v - 2.0 * now + before) if m > 1 else 0.0)
+            before, now = now, v
+        bend = max(bend, abs(last - 2.0 * now + before))
+        bound = reach[element, 0] if element < gaps else level[element - gaps, 0] if digit == 1 else 0.0
+        room = bound - max(high, -low) if digit == 1 else (low if digit == 0 else -high) - bound
+        # A body that sticks is moved by a correction.
+        smooth = smooth and room >= 0.25 * bend and not (observed and digit == 1 and element >= gaps)
+    return smooth
+
+
+def mover(n: int) -> Callable:
+    """move(e, d, x, u, big): the columns of n states a sample later, in place; d as wide in system.py."""
+    wide, narrow, width = taker(n, WIDE), taker(n, NARROW), n + 2
+
     @njit(**HOT)
-    def keeps(rows, looks, mode, reach, level, z, b, torque, observed):
-        gaps, smooth = reach.shape[0], True
-        for element in range(mode.size):
-            digit = mode[element]
-            first, last = value(rows[element], 0, z, torque), value(rows[element], 0, b, torque)
-            low, high, bend = min(first, last), max(first, last), 0.0
-            before, now = first, first
-            for m in range(1, looks + 1):
-                v = value(rows[element], m, z, torque)
-                low, high = min(low, v), max(high, v)
-                bend = max(bend, abs(v - 2.0 * now + before) if m > 1 else 0.0)
-                before, now = now, v
-            bend = max(bend, abs(last - 2.0 * now + before))
-            bound = reach[element, 0] if element < gaps else level[element - gaps, 0] if digit == 1 else 0.0
-            room = bound - max(high, -low) if digit == 1 else (low if digit == 0 else -high) - bound
-            # A body that sticks is moved by a correction.
-            smooth = smooth and room >= 0.25 * bend and not (observed and digit == 1 and element >= gaps)
-        return smooth
+    def move(e, d, x, u, big):
+        ns = big.shape[1]
+        for c in range(d.shape[0]):
+            q, block = WIDE * c, d[c]
+            v = wide(big, q, ns)
+            for r in range(n):
+                put(big, q + r * ns, turned_with(e, r * width, v, block, x, u))
+        for q in range(WIDE * d.shape[0], ns, NARROW):
+            w = narrow(big, q, ns)
+            for r in range(n):
+                put(big, q + r * ns, turned(e, r * width, w))
 
-    return keeps
+    return move
 
 
-def glider(state_of: Callable, value: Callable, following: Callable, propagate: Callable,
-           corrected: Callable) -> Callable:
+def stepper(n: int) -> Callable:
+    """step(s, c, k, x, u, i, big, mode): run.plain_step for n states and one input."""
+    state, move = taker(n), mover(n)
+
+    @njit(**HOT)
+    def step(s, c, k, x, u, i, big, mode):
+        z, torque = state(x, 0, 1), u[i, 0]
+        b = following(c.leap[k], z, torque)
+        if not keeps(c.watch[k], c.looks[k], mode, s.reach, c.hold, z, b, torque, False):
+            return False
+        if big.shape[1] > 0:
+            move(c.leap[k], c.wide[k], z, torque, big)
+        put(x, 0, b)
+        return True
+
+    return step
+
+
+def carrier(n: int) -> Callable:
+    """carry(p, f, noise, q, extra): filter.advance_covariance for n states."""
+    state = taker(n)
+
+    @njit(**HOT)
+    def carry(p, f, noise, q, extra):
+        kick = state(noise, 0, 1)
+        put_half(p, carried(half_of(p, kick), f, kick, q, extra), kick)
+
+    return carry
+
+
+def glider(n: int) -> Callable:
     """glide(s, c, p, k, i): samples from i on in the mode of slot k; returns the first that was not done.
 
-    s, c, p  system, cache and pass, of one input; all outputs are states
+    s, c, p  system, cache and pass, of n states and one input that does not switch inside a sample
     """
-    keeps = keeper(value)
+    state, move = taker(n), mover(n)
 
     @njit(**HOT)
     def glide(s, c, p, k, i):
-        e, d, rows, looks, mode, x = c.leap[k], c.dleap[k], c.watch[k], c.looks[k], p.mode, state_of(p.x)
-        reach, level, picks = s.reach, c.hold, s.picks
-        u, y, gain, weight, big, out, jac, col = p.u, p.y, p.gain, p.weight, p.big, p.out, p.jac, c.gradient
-        n, weighed, observed = u.shape[0], weight.shape[0] > 0, gain.shape[0] > 0
-        while i < n:
+        e, d, rows, looks, mode, x = c.leap[k], c.wide[k], c.watch[k], c.looks[k], p.mode, state(p.x, 0, 1)
+        reach, level, picks, memory, fades = s.reach, c.hold, s.picks, s.memory, fading(s.memory)
+        u, y, gain, weight, big, out, jac, states = p.u, p.y, p.gain, p.weight, p.big, p.out, p.jac, p.states
+        count, weighed, observed, row, col = len(u), len(weight) > 0, len(gain) > 0, c.vectors[0], c.gradient
+        while i < count:
             z = x
             for m in range(out.shape[1]):
-                out[i, m] = z[picks[m]]
+                out[i, m] = seen(s, mode, m, z, p.x, row)
                 if observed and y[i, m] == y[i, m]:
                     z = corrected(z, gain[i, m], y[i, m] - out[i, m])
             torque = u[i, 0]
             b = following(e, z, torque)
             if not keeps(rows, looks, mode, reach, level, z, b, torque, observed):
                 break
+            if states.shape[0] > 0:
+                put(states[i], 0, x)
+            z = x
             for m in range(out.shape[1] if jac.shape[0] > 0 else 0):
                 known = y[i, m] == y[i, m]
                 g = (weight[i, m] if weighed else 1.0) if known else 0.0
-                weighted_row(big[picks[m]], g, y[i, m] - out[i, m] if known else 0.0, col, jac[i, m])
+                e_m = y[i, m] - out[i, m] if known else 0.0
+                if picks[m] >= 0:
+                    weighted_row(big[picks[m]], g, e_m, col, jac[i, m])
+                else:
+                    seen(s, mode, m, z, p.x, row)
+                    output_gradient(s.outputs, s.spring, reach, s.output_gap, picks, mode, m, p.x, row, big, col)
+                    write_row(jac, i, m, col, g, e_m)
                 if observed and known:
-                    for r in range(len(x)):
+                    z = corrected(z, gain[i, m], e_m)
+                    for r in range(n):
                         listen(big[r], gain[i, m, r], col)
             if big.shape[1] > 0:
-                propagate(e, d, z, torque, big)
+                move(e, d, z, torque, big)
             x = b
+            if fades >= 0:
+                x = product(x, memory)
+                for q in range(big.shape[1]):
+                    big[fades, q] *= memory[fades]
             i += 1
-        for r in range(len(x)):
-            p.x[r] = x[r]
+        put(p.x, 0, x)
         return i
 
     return glide
 
 
-glide_three = glider(three_of, value_three, next_three, propagate_three, corrected_three)
-glide_five = glider(five_of, value_five, next_five, propagate_five, corrected_five)
-keeps_three = keeper(value_three)
+def filter_glider(n: int) -> Callable:
+    """glide(s, c, f, k, q, i): samples of a Kalman pass from i on in the mode of slot k; first that was not done.
 
-
-@njit(**HOT)
-def column_three(p, pick):
-    """Column of the symmetric matrix of which p are the rows of the lower half."""
-    if pick == 0:
-        return p[0], p[1], p[3]
-    if pick == 1:
-        return p[1], p[2], p[4]
-    return p[3], p[4], p[5]
-
-
-@njit(**HOT)
-def lessened_three(p, v, k):
-    """p - k v'."""
-    return (p[0] - k[0] * v[0], p[1] - k[1] * v[0], p[2] - k[1] * v[1],
-            p[3] - k[2] * v[0], p[4] - k[2] * v[1], p[5] - k[2] * v[2])
-
-
-@njit(**HOT)
-def advanced_three(p, f, noise, q, extra):
-    """f p f' + q noise noise' + diag(extra), its lower half by rows as that of p."""
-    a, b, c, d, e, g = p
-    f00, f01, f02 = f[0, 0], f[0, 1], f[0, 2]
-    f10, f11, f12 = f[1, 0], f[1, 1], f[1, 2]
-    f20, f21, f22 = f[2, 0], f[2, 1], f[2, 2]
-    t00, t01, t02 = f00 * a + f01 * b + f02 * d, f00 * b + f01 * c + f02 * e, f00 * d + f01 * e + f02 * g
-    t10, t11, t12 = f10 * a + f11 * b + f12 * d, f10 * b + f11 * c + f12 * e, f10 * d + f11 * e + f12 * g
-    t20, t21, t22 = f20 * a + f21 * b + f22 * d, f20 * b + f21 * c + f22 * e, f20 * d + f21 * e + f22 * g
-    k0, k1, k2 = noise
-    return ((t00 * f00 + t01 * f01 + t02 * f02) + (q * k0 * k0 + extra[0]),
-            (t10 * f00 + t11 * f01 + t12 * f02) + q * k1 * k0,
-            (t10 * f10 + t11 * f11 + t12 * f12) + (q * k1 * k1 + extra[1]),
-            (t20 * f00 + t21 * f01 + t22 * f02) + q * k2 * k0,
-            (t20 * f10 + t21 * f11 + t22 * f12) + q * k2 * k1,
-            (t20 * f20 + t21 * f21 + t22 * f22) + (q * k2 * k2 + extra[2]))
-
-
-@njit(**HOT)
-def lower_three(full):
-    """The lower half of a symmetric matrix (3, 3), by rows."""
-    return full[0, 0], full[1, 0], full[1, 1], full[2, 0], full[2, 1], full[2, 2]
-
-
-@njit(**HOT)
-def put_three(full, p):
-    """Write a symmetric matrix (3, 3) of which p are the rows of the lower half."""
-    full[0, 0], full[1, 1], full[2, 2] = p[0], p[2], p[5]
-    full[1, 0] = full[0, 1] = p[1]
-    full[2, 0] = full[0, 2] = p[3]
-    full[2, 1] = full[1, 2] = p[4]
-
-
-@njit(**HOT)
-def filter_three(s, c, f, k, q, i):
-    """Samples of a Kalman pass from i on in the mode of slot k; returns the first that was not done.
-
-    s, c, f  system, cache and filtering, of three states that do not fade, and one input; all outputs are states
+    s, c, f  system, cache and filtering, of n states and one input that does not switch inside a sample
     """
-    e, rows, looks, mode, x, p = c.leap[k], c.watch[k], c.looks[k], f.mode, three_of(f.x), lower_three(f.p)
-    u, y, r, extra, gain, var, innov, states = f.u, f.y, f.r, f.extra, f.gain, f.var, f.innov, f.states
-    noise = e[0, 3] + f.kick[0], e[1, 3] + f.kick[1], e[2, 3] + f.kick[2]
-    reach, level, picks = s.reach, c.hold, s.picks
-    while i < u.shape[0]:
-        z, w = x, p
-        for m in range(innov.shape[1]):
-            pick, share, column = picks[m], 0.0, (0.0, 0.0, 0.0)
-            innov[i, m], var[i, m] = y[i, m] - z[pick], 1.0
-            if y[i, m] == y[i, m]:
-                column = column_three(w, pick)
-                var[i, m] = r[m] + column[pick]
-                share = 1.0 / var[i, m]
-            g = column[0] * share, column[1] * share, column[2] * share
-            if share != 0.0:
-                w, z = lessened_three(w, column, g), corrected_three(z, g, innov[i, m])
-            if gain.shape[0] > 0:
-                gain[i, m, 0], gain[i, m, 1], gain[i, m, 2] = g
-        torque = u[i, 0]
-        b = next_three(e, z, torque)
-        if not keeps_three(rows, looks, mode, reach, level, z, b, torque, True):
-            break
-        if states.shape[0] > 0:
-            states[i, 0], states[i, 1], states[i, 2] = z
-        x, p = b, advanced_three(w, e, noise, q, extra)
-        i += 1
-    f.x[0], f.x[1], f.x[2] = x
-    put_three(f.p, p)
-    return i
+    state = taker(n)
+
+    @njit(**HOT)
+    def glide(s, c, f, k, q, i):
+        e, rows, looks, mode, x = c.leap[k], c.watch[k], c.looks[k], f.mode, state(f.x, 0, 1)
+        p, kick = half_of(f.p, x), state(f.kick, 0, 1)
+        u, y, variance, extra, gain, var, innov, states = f.u, f.y, f.r, f.extra, f.gain, f.var, f.innov, f.states
+        noise = corrected(state(e, n, n + 2), kick, 1.0)
+        reach, level, picks, memory, fades = s.reach, c.hold, s.picks, s.memory, fading(s.memory)
+        row, moved = c.vectors[0], c.transition
+        for r in range(n):
+            for j in range(n):
+                moved[r, j] = memory[r] * e[r, j]
+        while i < u.shape[0]:
+            z, w = x, p
+            for m in range(innov.shape[1]):
+                pick = picks[m]
+                innov[i, m], var[i, m] = y[i, m] - seen(s, mode, m, z, f.x, row), 1.0
+                if y[i, m] == y[i, m]:
+                    v = column(w, x, pick) if pick >= 0 else combined(w, row, x)
+                    var[i, m] = variance[m] + (v[pick] if pick >= 0 else turned(row, 0, v))
+                    g = scaled(v, 1.0 / var[i, m])
+                    w, z = lessened(w, v, g), corrected(z, g, innov[i, m])
+                    if gain.shape[0] > 0:
+                        put(gain[i, m], 0, g)
+                elif gain.shape[0] > 0:
+                    gain[i, m, :] = 0.0
+            torque = u[i, 0]
+            b = following(e, z, torque)
+            if not keeps(rows, looks, mode, reach, level, z, b, torque, True):
+                break
+            if states.shape[0] > 0:
+                put(states[i], 0, z)
+            x, p = product(b, memory) if fades >= 0 else b, carried(w, moved, noise, q, extra)
+            i += 1
+        put(f.x, 0, x)
+        put_half(f.p, p, x)
+        return i
+
+    return glide

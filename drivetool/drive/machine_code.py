@@ -28,19 +28,18 @@ from drivetool.progress import counted
 
 KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
 
-# The parts, file and name: a group is compiled when the first of it is needed, what stands in one line
-# one after the other, for it has much in common, and the lines beside one another. Two lines, for a third on
-# two cores keeps one of them from the longest.
+# The parts, file and name: the group whose first part is needed is compiled as far as it is not there yet, what stands
+# in one line one after the other, for it has much in common, and the lines beside one another. Two lines, for a
+# third on two cores keeps one of them from the longest.
+STEP = ("events.rough_step", "modes.work_out")
 GROUPS = (
-    (("run.run", "filter.kalman"), ("events.rough_step", "modes.work_out")),
-    (("filter.kalman_laws", "laws.law_torque"),
-     ("run.run_laws", "smooth.law_columns", "smooth_events.law_rough_step", "smooth_events.show")),
+    *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("_three", "", "_four", "_five", "_six")),
+    (("run.run_laws", "smooth.law_columns", "smooth_events.law_rough_step", "smooth_events.show"),
+     ("filter.kalman_laws", "laws.law_torque", "modes.work_out")),
     (("events.switch_late",),),
-    (("run.run_five",),),
 )
 # Arguments of the parts that Python calls: tables, then numbers.
-TABLES = {"run": 3, "run_five": 3, "run_laws": 4, "kalman": 3, "kalman_laws": 4}
-NUMBERS = {"run": 1, "run_five": 1, "run_laws": 1, "kalman": 2, "kalman_laws": 2}
+NUMBERS = {"run": 1, "kalman": 2}
 
 _lock = threading.Lock()
 _temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends
@@ -174,5 +173,7 @@ def symbol(name: str) -> str:
 @cache
 def function(name: str):
     """A part that Python calls, with addresses of tables first and numbers then; other threads go on meanwhile."""
-    kinds = [ctypes.c_void_p] * TABLES[name] + [ctypes.c_double] * NUMBERS[name]
+    kind, _, made_for = name.partition("_")
+    tables, numbers = (4 if made_for == "laws" else 3), NUMBERS[kind]
+    kinds = [ctypes.c_void_p] * tables + [ctypes.c_double] * numbers
     return ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address(name))

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
-from drivetool.drive.system import LOOKS
+from drivetool.drive.system import LOOKS, WIDE
 from drivetool.drive.views import CACHE, REAL, SYSTEM, WHOLE, WHOLES
 
 # The Taylor terms after which exp is exact to rounding for a norm of one half.
@@ -44,11 +44,22 @@ def work_out(s, c, mode, part, k, h):
     stamp_mode(s, c, mode, k)
     c.rate[k] = balanced_norm(c.flow[k], c.square, s.nx)
     step_matrix(s, c, mode, k, k, s.spans[part])
+    in_blocks(c.dleap[k], c.wide[k])
     look_ahead(s, c, mode, k, s.spans[part])
     if c.mid.shape[0] > 0:
         exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
         let_rest(s, c.mid[k], mode)
         laws_by_torques(s, c, k, s.spans[part])
+
+
+@njit(**COMPILE)
+def in_blocks(d, wide):
+    """d (nx, nz, nq) in blocks of WIDE columns, all rows of a block one behind the other."""
+    nx, nz, nq = d.shape
+    for r in range(nx):
+        for j in range(nz):
+            for q in range(nq):
+                wide[q // WIDE, WIDE * (r * nz + j) + q % WIDE] = d[r, j, q]
 
 
 @njit(**HOT)

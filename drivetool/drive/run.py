@@ -2,60 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from numba import njit
 
 from drivetool.drive.compiled import APART, COMPILE, HOT, unit
 from drivetool.drive.events import rough_step, switch_late
-from drivetool.drive.glide import glide_five, glide_three
+from drivetool.drive.glide import glider, stepper, write_row
 from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
+from drivetool.drive.outputs import output_gradient, output_row
 from drivetool.drive.smooth import law_motion, law_step
 from drivetool.drive.smooth_events import law_rough_step, show
 from drivetool.drive.views import CACHE, LAWS, PASS, REAL, SYSTEM, WHOLE
-
-
-@njit(**HOT)
-def output_row(outputs, spring, reach, output_gap, picks, mode, m, x, row):
-    """Output m at x; row (nx,) gets its derivative over the state."""
-    v, pick = 0.0, picks[m]
-    for j in range(x.size):
-        row[j] = outputs[m, j, 0]
-    if pick >= 0:
-        return x[pick]
-    gap = output_gap[m]
-    if gap >= 0 and mode[gap] != 1:
-        for j in range(x.size):
-            row[j] += spring[gap, j, 0]
-        v -= (1.0 - mode[gap]) * reach[gap, 0]
-    for j in range(x.size):
-        v += row[j] * x[j]
-    return v
-
-
-@njit(**APART)
-def output_gradient(outputs, spring, reach, output_gap, picks, mode, m, x, row, big, col):
-    """Derivative of output m over the ns columns."""
-    pick = picks[m]
-    if pick >= 0:
-        for q in range(col.size):
-            col[q] = big[pick, q]
-        return
-    for q in range(col.size):
-        v = 0.0
-        for j in range(x.size):
-            v += row[j] * big[j, q]
-        col[q] = v
-    gap = output_gap[m]
-    for q in range(outputs.shape[2] - 1):
-        v = 0.0
-        for j in range(x.size):
-            v += outputs[m, j, q + 1] * x[j]
-        if gap >= 0 and mode[gap] != 1:
-            for j in range(x.size):
-                v += spring[gap, j, q + 1] * x[j]
-            v -= (1.0 - mode[gap]) * reach[gap, q + 1]
-        col[q] += v
 
 
 @njit(**APART)
@@ -67,15 +27,6 @@ def use_measurement(gain, i, m, e, x, big, col, sens):
         if sens:
             for q in range(col.size):
                 big[j, q] -= k * col[q]
-
-
-@njit(**APART)
-def write_row(jac, i, m, col, g, e):
-    """Row of the weighted Jacobian, the weighted residual in its last column."""
-    last = col.size - 1
-    for q in range(last):
-        jac[i, m, q] = g * col[q]
-    jac[i, m, last] = -g * e
 
 
 @njit(**HOT)
@@ -144,10 +95,10 @@ def plain_step(leap, dleap, watch, looks, reach, level, k, x, u, i, big, mode, b
 
 
 @njit(**COMPILE)
-def go_through(s, c, laws, p, clock, glide, size):
+def go_through(s, c, laws, p, clock, glide, step):
     """Simulate the samples of a pass p; laws None where there are none, clock the time of the first [s].
 
-    glide, size  how it is gone from event to event with so many states, None where it is not
+    glide, step  of glide.py, for just so many states and one input; None for any
     returns  samples in which events were located
     """
     leap, dleap, watch, looks, guards = c.leap, c.dleap, c.watch, c.looks, c.guards
@@ -160,7 +111,7 @@ def go_through(s, c, laws, p, clock, glide, size):
     if p.fresh != 0:
         reclassify(spring, slip_rows, reach, x, mode, guards)
     observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
-    glides, i = glide is not None and fades < 0 and may_glide(s, c, p, size), 0
+    glides, i = parts == 1 and c.late == 0, 0
     while i < u.shape[0]:
         if glide is not None and glides:
             first = slots(s, c, mode)[0] if first < 0 else first
@@ -185,7 +136,11 @@ def go_through(s, c, laws, p, clock, glide, size):
                 if first < 0:
                     first, last = slots(s, c, mode)
                 k = first if part == 0 else last
-                if not plain_step(leap, dleap, watch, looks, reach, level, k, x, held, i, big, mode, b, t):
+                if step is not None:
+                    free = step(s, c, k, x, held, i, big, mode)
+                else:
+                    free = plain_step(leap, dleap, watch, looks, reach, level, k, x, held, i, big, mode, b, t)
+                if not free:
                     rough_step(c.rough, s, c, x, held, i, big, mode, part)
                     located += 1
                     first = -1
@@ -198,22 +153,6 @@ def go_through(s, c, laws, p, clock, glide, size):
 
 
 @njit(**HOT)
-def all_states(picks):
-    """Whether all outputs are states."""
-    lowest = 0
-    for pick in picks:
-        lowest = min(lowest, pick)
-    return lowest == 0
-
-
-@njit(**COMPILE)
-def may_glide(s, c, p, size):
-    """Whether glide.py can take a pass from event to event: see there."""
-    return (s.nx == size and s.nu == 1 and s.spans.size == 1 and c.late == 0 and all_states(s.picks)
-            and p.states.shape[0] == 0)
-
-
-@njit(**HOT)
 def reveal(s, laws, x, clock, mode, big):
     """Put the torques of the laws where an output can read them, if one does."""
     if laws.shown != 0:
@@ -223,16 +162,25 @@ def reveal(s, laws, x, clock, mode, big):
 @unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
 def run(s, c, p, clock):
     """Simulate the samples of a pass; see go_through."""
-    return go_through(s, c, None, p, clock, glide_three, 3)
+    return go_through(s, c, None, p, clock, None, None)
 
 
-@unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
-def run_five(s, c, p, clock):
-    """The same, made for the five states of three masses."""
-    return go_through(s, c, None, p, clock, glide_five, 5)
+def made_for(n: int) -> Callable:
+    """The same for n states and one input only, which is much faster."""
+    glide, step = glider(n), stepper(n)
+
+    @unit(SYSTEM, CACHE, PASS, REAL, gives=WHOLE)
+    def run(s, c, p, clock):
+        return go_through(s, c, None, p, clock, glide, step)
+
+    return run
+
+
+# Two masses, two with an angle, three, three with an angle.
+run_three, run_four, run_five, run_six = made_for(3), made_for(4), made_for(5), made_for(6)
 
 
 @unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)
 def run_laws(s, c, laws, p, clock):
     """The same with smooth laws."""
-    return go_through(s, c, laws, p, clock, None, 0)
+    return go_through(s, c, laws, p, clock, None, None)

@@ -61,6 +61,18 @@ def term_of_three(a, w, n, power, g, r, v, t):
 
 
 @njit(**APART)
+def term_of_five(a, w, n, power, g, r, v, t):
+    """The same for five states: three masses."""
+    e0, e1, e2, e3, e4 = a[r, 0, 0] * g, a[r, 1, 0] * g, a[r, 2, 0] * g, a[r, 3, 0] * g, a[r, 4, 0] * g
+    g *= power
+    f0, f1, f2, f3, f4 = w[n, 0] * g, w[n, 1] * g, w[n, 2] * g, w[n, 3] * g, w[n, 4] * g
+    for q in range(v.shape[1]):
+        t[r, q] = (e0 * v[0, q] + e1 * v[1, q]) + (e2 * v[2, q] + e3 * v[3, q]) + e4 * v[4, q]
+    for q in range(1, a.shape[2]):
+        t[r, q - 1] += (f0 * a[r, 0, q] + f1 * a[r, 1, q]) + (f2 * a[r, 2, q] + f3 * a[r, 3, q]) + f4 * a[r, 4, q]
+
+
+@njit(**APART)
 def next_term(a, u, w, n, power, g, v, t):
     """t = term n + 1 of the power series of dS/dt = A S + dA z, from term n in v; power = h^n, g = h/(n + 1).
 
@@ -70,6 +82,8 @@ def next_term(a, u, w, n, power, g, v, t):
     for r in range(nx):
         if nx == 3:
             term_of_three(a, w, n, power, g, r, v, t)
+        elif nx == 5:
+            term_of_five(a, w, n, power, g, r, v, t)
         else:
             term_of_any(a, w, n, power, g, r, v, t)
         if n == 0:

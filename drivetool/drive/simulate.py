@@ -10,6 +10,7 @@ from drivetool.drive.machine_code import address, function
 from drivetool.drive.system import Cache, Filtering, Laws, Pass, System, empty_cache
 from drivetool.drive.table import packed, place_of
 
+MADE_FOR = {3: "_three", 4: "_four", 5: "_five", 6: "_six"}  # passes by number of states, for one input
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
 
 
@@ -75,6 +76,7 @@ class Plant:
 
     def __post_init__(self):
         exact, late = self.laws is None, self.system.early > 0 and self.system.delay.any()
+        address(self._part("run"))  # before its units, which are compiled beside it
         cache = empty_cache(self.system, self.laws, (
             address("work_out"), address("rough_step") if exact else 0, address("switch_late") if late else 0))
         object.__setattr__(self, "cache", cache)
@@ -89,11 +91,13 @@ class Plant:
     def _call(self, name: str, record: Pass | Filtering, *numbers: float) -> int:
         """Let a part of the kernel go over a record."""
         tables = (*self.tables, packed(record))
+        return function(self._part(name))(*map(place_of, tables), *numbers)
+
+    def _part(self, name: str) -> str:
+        """The part of the kernel that is made for this system."""
         if self.laws is not None:
-            name = f"{name}_laws"
-        elif name == "run" and self.nx == 5:
-            name = "run_five"
-        return function(name)(*map(place_of, tables), *numbers)
+            return f"{name}_laws"
+        return name + (MADE_FOR.get(self.nx, "") if self.system.nu == 1 else "")
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)

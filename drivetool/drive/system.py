@@ -20,6 +20,7 @@ CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a recor
 PARAMETERS = 4  # of a smooth law, at most
 # The smooth laws by number.
 LAW_NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "load-step", "hardening", "load-damping")
+WIDE, NARROW = 8, 4  # columns that are carried from sample to sample at a time, and what may be left of them
 LOOKS = 8  # most instants inside a sample at which a guard is looked at
 
 
@@ -127,6 +128,7 @@ class Cache(NamedTuple):
     flow   (cap, nx, nz, 1 + nq)    dx/dt = flow z
     leap   (cap, nx, nz)            x after the part of a sample = leap z
     dleap  (cap, nx, nz, nq)        its derivative
+    wide   (cap, chunks, WIDE nx nz) the same, WIDE columns at a time: rows of so many one behind the other
     net    (cap, nf, nz)            torque on a body without its Coulomb friction
     watch  (cap, elements, LOOKS + 1, nz)  guard value at the start of the part and at instants inside,
            over z at its start
@@ -138,8 +140,8 @@ class Cache(NamedTuple):
     The last slot is not for a mode but for a step of any length.
 
     The rest is scratch, for the kernel allocates nothing:
-    jets (3, nx, nz, 1 + nq), square (nx, nx), transition (nx, plain), columns (3, nx, ns), series (ORDER + 1, nx),
-    poly (ORDER + 1,), vectors (5, nx), lines (3, nz), guards (elements,), gradient (ns,)
+    jets (3, nx, nz, 1 + nq), square (nx, nx), transition (nx, plain and a few more), columns (3, nx, ns),
+    series (ORDER + 1, nx), poly (ORDER + 1,), vectors (5, nx), lines (3, nz), guards (elements,), gradient (ns,)
 
     work_out, rough, late    addresses of the units work_out, rough_step and, where the dead time is
                              free, switch_late; 0 where it is not needed
@@ -149,6 +151,7 @@ class Cache(NamedTuple):
     flow: Float4
     leap: Float3
     dleap: Float4
+    wide: Float3
     net: Float3
     watch: Float4
     looks: Int1
@@ -239,10 +242,11 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
     slot = np.full(modes + 1, -1, np.int64)
     slot[-1] = 0
     return Cache(slot, np.zeros((cap, nx, nz, jet)), np.zeros((cap, nx, nz)),
-                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, s.nf, nz)),
+                 np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, -(-(jet - 1) // WIDE), WIDE * nx * nz)),
+                 np.zeros((cap, s.nf, nz)),
                  np.zeros((cap, elements, LOOKS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
                  np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)), s.level[:, :1].copy(),
-                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, s.plain)),
+                 np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, -(-s.plain // NARROW) * NARROW)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((5, nx)),
                  np.zeros((3, nz)), np.zeros(elements), np.zeros(s.ns), *addresses)
