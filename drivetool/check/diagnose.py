@@ -30,10 +30,11 @@ from drivetool.check.story import UNEXPLAINED, tell
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import led_in, roles_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
 
+BEGINNING = 0.01  # s of every stretch in which nothing is judged: a cause may be a delay
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -77,7 +78,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
-    logged = tuple(measured(e) for e in (*experiments, *holdout))
+    logged = tuple(led_in(measured(e), drive, free, BEGINNING) for e in (*experiments, *holdout))
     mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     notes: list[Finding] = []

@@ -46,7 +46,7 @@ class Forecast:
 def blocks_under_test(fold: Fold, traces: Sequence[Trace]) -> list[Trace]:
     """The blocks of a fold's test samples in which the first sensor has a value, as traces of their own."""
     return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
-                    origin=traces[i].origin + a * traces[i].step)
+                    origin=traces[i].origin + a * traces[i].step, lead=traces[i].inputs[:a])
             for i, a, b in blocks_of(traces)
             if fold.test[i][a:b].mean() > 0.5 and np.isfinite(traces[i].outputs[a:b, 0]).any()]
 

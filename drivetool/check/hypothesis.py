@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, motion, travel, why_absent
+from drivetool.check.candidates import Candidate, Start, added, motion, travel, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
@@ -31,6 +31,7 @@ TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ 
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
 SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
+SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
 
@@ -132,12 +133,29 @@ def polished(tried: Tried, masks: Masks, base: Model) -> Tried:
     ends, reason = [], ""
     for model in _contenders(tried.models, base):
         try:
-            ends.append(fit(model.code, model.task, model.problem, model.point, model.noise, masks))
+            end = fit(model.code, model.task, model.problem, model.point, model.noise, masks)
+            ends.append(damped(end, base, masks))
         except BROKEN as error:
             reason = str(error)
     if not ends:
         return replace(tried, models=(), reason=f"its fit failed: {reason}", absent="failed")
     return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
+
+
+def damped(model: Model, base: Model, masks: Masks) -> Model:
+    """The model with the damping of its lag of second order fitted too, where that pays.
+
+    Free from the start, it would make a lag of first order one of second order with two bandwidths.
+    """
+    drive = model.task.drive
+    names = [f"{owner}.damping" for owner in ("converter", "sensor") if f"{owner}.bandwidth" in model.task.free
+             and f"{owner}.bandwidth" not in base.task.free and drive.value(f"{owner}.order") == 2.0]
+    if not names or names[0] in model.task.free:
+        return model
+    start = added(model, {names[0]: drive.value(names[0])}, ()).task
+    problem = _bounded(problem_of(start.drive, start.free, start.roles, model.problem.traces), base, start)
+    trial = fit(model.code, start, problem, carried(model, start, problem), model.noise, masks)
+    return trial if trial.value < model.value - SHAPED else model
 
 
 def _contenders(models: Sequence[Model], base: Model) -> list[Model]:

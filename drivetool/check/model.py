@@ -15,7 +15,16 @@ import numpy as np
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import Noise, by_parabolas, excerpt, filtered, fit_ratio, nearby, with_state
+from drivetool.identify.noise import (
+    Noise,
+    by_parabolas,
+    excerpt,
+    filtered,
+    fit_ratio,
+    natural_ratio,
+    nearby,
+    with_state,
+)
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import first_point
 
@@ -23,6 +32,7 @@ Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
 ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
 TURNS = 6  # of torque noise and sensor noises, at most
+LOUD = 300.0  # times the torque noise that moves the first sensor by its own noise in a sample
 WIDE = np.log(3.0) * np.arange(-3, 4)  # of a sensor's noise about the guess
 RESTS = 4  # fits of a model that goes on moving, at most
 SETTLED = 0.3  # log likelihood below which another round does not pay
@@ -139,8 +149,11 @@ def at_rest(model: Model, masks: Masks) -> Model:
 
 def whitened(model: Model, masks: Masks) -> Model:
     """The model under a torque noise that remembers nothing, fitted until it moves no more."""
-    noise = replace(model.noise, memory=None, slow=None)
-    return at_rest(replace(model, noise=noise, value=judge(model.problem, model.point, noise, masks)), masks)
+    plain = replace(model.noise, memory=None, slow=None)
+    # A ratio that was right for noise that remembers may be decades off for noise that does not.
+    value, noise = min(((judge(model.problem, model.point, n, masks), n) for n in (
+        plain, fit_ratio(model.problem, model.point, plain, quick=True))), key=lambda pair: pair[0])
+    return at_rest(replace(model, noise=noise, value=value), masks)
 
 
 def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> Model:
@@ -153,7 +166,11 @@ def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> 
 
 def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:
     """The noise estimated anew at a point, and its value; ratio and sensors in turn until they agree."""
-    noise = fit_ratio(problem, point, noise, noise.ratio, quick=True)
+    # Where the sensor counts for nothing any ratio is as likely as one close by: no way leads back downhill.
+    lost = noise.ratio > LOUD * natural_ratio(problem, point)
+    if lost:
+        noise = replace(noise, memory=None, slow=None)
+    noise = fit_ratio(problem, point, noise, None if lost else noise.ratio, quick=True)
     value = judge(problem, point, noise, masks)
     for turn in range(TURNS if len(noise.scale) > 1 else 0):
         trial = listened(problem, point, noise, masks, near=turn > 0)

@@ -28,9 +28,9 @@ from drivetool.progress import counted
 
 KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
 
-# The parts, file and name: the group whose first part is needed is compiled as far as it is not there yet, what stands
-# in one line one after the other, for it has much in common, and the lines beside one another. Two lines, for a
-# third on two cores keeps one of them from the longest.
+# The parts, file and name: the first group that has a part which is needed is compiled as far as it is not there
+# yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
+# Two lines, for a third on two cores keeps one of them from the longest.
 STEP = ("events.rough_step", "modes.work_out")
 GROUPS = (
     *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("_three", "", "_four", "_five", "_six")),

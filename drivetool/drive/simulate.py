@@ -23,6 +23,7 @@ class Trace:
     name     of the recording
     origin   time of its first sample after the start of the recording [s]
     record   number by which its recording is known
+    lead     (m, nu) torques before its first sample, the latest last, as far as they are known
     """
 
     inputs: np.ndarray
@@ -31,6 +32,7 @@ class Trace:
     name: str = ""
     origin: float = 0.0
     record: int = 0
+    lead: np.ndarray | None = None
 
     def __post_init__(self):
         for name in ("inputs", "outputs"):  # the kernel walks along the rows
@@ -104,22 +106,22 @@ class Plant:
         x[:len(start)] = start
         return x
 
-    def held(self, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def held(self, trace: Trace) -> tuple[np.ndarray, np.ndarray]:
         """(inputs of a sample, those before the dead time switches), each (n, nu).
 
-        Only the first input, the motor torque, is delayed and interpolated. Before the record it is
-        taken as constant.
+        Only the first input, the motor torque, is delayed and interpolated. Before the first torque that is
+        known it is taken as constant.
         """
+        inputs = trace.inputs
         if self.interpolation > 0.0:
             inputs = inputs.copy()
             inputs[:-1, 0] += 0.5 * self.interpolation * np.diff(inputs[:, 0])
         if self.system.early == 0:
             return inputs, inputs
-        now, late = inputs.copy(), inputs.copy()
-        n, k = len(inputs), self.delay_samples
-        index = np.arange(n)
-        now[:, 0] = inputs[np.clip(index - k, 0, n - 1), 0]
-        late[:, 0] = inputs[np.clip(index - k - 1, 0, n - 1), 0]
+        now, late, k = inputs.copy(), inputs.copy(), self.delay_samples
+        known = inputs[:, 0] if trace.lead is None else np.concatenate([trace.lead[-k - 1:, 0], inputs[:, 0]])
+        index = np.arange(len(inputs)) + len(known) - len(inputs)
+        now[:, 0], late[:, 0] = known[np.maximum(index - k, 0)], known[np.maximum(index - k - 1, 0)]
         return now, late
 
     def outputs(self, trace: Trace, start: np.ndarray, gains: Gains | None = None) -> np.ndarray:
@@ -130,7 +132,7 @@ class Plant:
                  keep: bool = False) -> tuple[np.ndarray, np.ndarray, int]:
         """(outputs (n, ny), states (n, nx) or (0, nx), samples with events)."""
         s, n = self.system, trace.size
-        u, late = self.held(trace.inputs)
+        u, late = self.held(trace)
         out = np.empty((n, s.ny))
         states = np.empty((n if keep else 0, s.nx))
         events = self._call("run", Pass(
@@ -153,7 +155,7 @@ class Plant:
         summed up a chunk at a time: memory does not grow with the record.
         """
         s, n = self.system, trace.size
-        u, late = self.held(trace.inputs)
+        u, late = self.held(trace)
         x, mode = self._start(start), np.ones(s.ng + s.nf, np.int64)
         big = self._first_columns()
         jac = np.empty((min(n, CHUNK), s.ny, s.ns))
@@ -174,7 +176,7 @@ class Plant:
                  gains: Gains | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(outputs (n, ny), weighted sensitivities (n, ny, ns)), all in memory."""
         s, n = self.system, trace.size
-        u, late = self.held(trace.inputs)
+        u, late = self.held(trace)
         big = self._first_columns()
         out, jac = np.empty((n, s.ny)), np.empty((n, s.ny, s.ns))
         self._call("run", Pass(u, late, trace.outputs, *_observer(s, gains, slice(None)), self._start(start), big,
@@ -193,7 +195,7 @@ class Plant:
         kick        (nx,) what a torque noise of one leaves in each state after its sample; None: nothing
         """
         s, n = self.system, trace.size
-        u, late = self.held(trace.inputs)
+        u, late = self.held(trace)
         p = np.zeros((self.nx, self.nx)) if covariance is None else np.array(covariance, float, order="C")
         gain = np.zeros((n if keep else 0, s.ny, s.nx))
         states = np.empty((n if keep else 0, s.nx))

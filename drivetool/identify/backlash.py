@@ -27,7 +27,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import covariance_of
 from drivetool.identify.search import AT_ONCE
-from drivetool.identify.setup import first_states, roles_of
+from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
@@ -54,7 +54,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if not drive.shafts:
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
     drive.require(drive.missing(), "a backlash fit")
-    experiments = [measured(e) for e in experiments]
+    experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
     if {ALL, *TOTALS} & set(options.free):
         drive = with_totals(drive, (*options.free, *options.hold))

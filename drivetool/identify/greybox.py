@@ -31,7 +31,7 @@ from drivetool.identify.estimate import Estimate
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
-from drivetool.identify.setup import reverses, roles_of
+from drivetool.identify.setup import led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
@@ -57,7 +57,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
     drive.require(drive.missing(), "the start of a grey-box fit")
-    experiments = [measured(e) for e in experiments]
+    experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)

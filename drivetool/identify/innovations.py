@@ -141,6 +141,8 @@ def _distance(problem: Problem, before: Point, solution: Solution) -> float:
     if not len(before.values):
         return 0.0
     matrix, _, _ = schur(solution.normal)
+    if not np.all(np.isfinite(matrix)):  # where the model diverges nothing is known
+        return np.inf
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)

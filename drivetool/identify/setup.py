@@ -18,6 +18,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.logs.experiment import Experiment
 
 INPUTS = ("motor_torque", "load_torque", "motor2_torque")
+ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
 DENSE = 0.5  # share of the third differences that must be there to be enough
 WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
 SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
@@ -67,11 +68,30 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
-                            e.offset + a * e.step, e.number)
+                            e.offset + a * e.step, e.number, u[first:a] if a > first else None)
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
     return tuple(found)
+
+
+def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = (), least: float = 0.0) -> Experiment:
+    """The experiment without the values of its sensors where a stretch begins, if the drive has a dead time.
+
+    There it moves by torques from before the record, which nobody knows. At most a hundredth of a stretch goes.
+
+    least  seconds that go whatever the drive has
+    """
+    delay = drive.value("converter.dead_time") or 0.0
+    if delay > 0.0 or "converter.dead_time" in free:
+        least = max(least, ROOM * delay + 2.0 * experiment.step)
+    sensors = {r for r in experiment.signals if r not in INPUTS and not r.startswith("reference")}
+    signals = {r: values.copy() if r in sensors else values for r, values in experiment.signals.items()}
+    for first, last in experiment.segments:
+        count = min(int(np.ceil(least / experiment.step)), (last - first) // 100)
+        for role in sensors:
+            signals[role][first:first + count] = np.nan
+    return replace(experiment, signals=signals)
 
 
 def reverses(experiment: Experiment) -> bool:
