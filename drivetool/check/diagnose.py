@@ -18,6 +18,7 @@ from drivetool.check.between_records import change_between
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.lateness import lag_of
+from drivetool.check.load_scale import load_scale
 from drivetool.check.model import Masks, Model, everything, from_start
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import LATE, Fault, preflight
@@ -81,6 +82,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     logged = tuple(led_in(measured(e), drive, free, BEGINNING) for e in (*experiments, *holdout))
     mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
+    mended, faults = load_scale(mended, drive, free, faults, begun)
     notes: list[Finding] = []
     blamed: list[Fault] = []
     try:

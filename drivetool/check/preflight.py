@@ -121,22 +121,35 @@ def _ends(e: Experiment, wanted: Sequence[str], turns: float) -> tuple[Experimen
 
     Angles count right, and are looked at where there are any.
     """
-    here, there = ([f"{body}_{kind}" for kind in ("angle", "speed") if f"{body}_{kind}" in e.signals]
-                   for body in ("motor", "load"))
+    here, there = of_both_ends(e)
     if not here or not there:
         return e, []
     factor, error = (turns * each for each in travelled(e.signals, here[0], there[0], e.step, e.segments))
     code = _code(factor, error, wanted)
-    if code is None:
-        return e, []
-    finding = Finding(
+    return (e, []) if code is None else (load_over(e, factor), [load_fault(e, code, factor, error, turns)])
+
+
+def of_both_ends(e: Experiment) -> tuple[list[str], list[str]]:
+    """(channels of the motor's motion, of the load's), angles first."""
+    here, there = ([f"{body}_{kind}" for kind in ("angle", "speed") if f"{body}_{kind}" in e.signals]
+                   for body in ("motor", "load"))
+    return here, there
+
+
+def load_over(e: Experiment, factor: float) -> Experiment:
+    """The record with the motion of its load divided by a factor."""
+    return replace(e, signals={**e.signals, **{role: e.signals[role] / factor for role in of_both_ends(e)[1]}})
+
+
+def load_fault(e: Experiment, code: str, factor: float, error: float, gear: float) -> Fault:
+    """The load's channel that is `factor` times what the motor's says by a gear."""
+    here, there = of_both_ends(e)
+    return Fault(code, Finding(
         "warning", code,
         f"{e.name}: the logged {there[0].replace('_', ' ')} is {factor:.4g} times what the "
-        f"{here[0].replace('_', ' ')} says, by a gear of {turns:.4g}.",
-        {"factor": float(factor), "std": float(error)},
-        "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio.")
-    return replace(e, signals={**e.signals, **{role: e.signals[role] / factor for role in there}}), [
-        Fault(code, finding)]
+        f"{here[0].replace('_', ' ')} says, by a gear of {gear:.4g}.",
+        {"factor": float(factor), "std": float(error), "gear": float(gear)},
+        "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio."))
 
 
 def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:

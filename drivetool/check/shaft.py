@@ -60,13 +60,15 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     if abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05:
         return tuple(experiments), drive, []
     whole = replace(task, roles=roles)
-    lead = lead_of(factor, (whole, _from(model, whole)))
+    begins = (whole, whole.at(first)) if first else (whole,)
+    lead = lead_of(factor, (*begins, _from(model, whole)))
     if lead < 0.5 * BLAMED**2:
         return tuple(experiments), drive, []
     if factor < 0.0:
         turned = min(models, key=lambda m: abs(
             _factor(measured, *shaft_torque_of(m), experiments[0].step)[0] + 1.0))
-        if lead_of(-1.0, (whole, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
+        near = abs(factor + 1.0) < BLAMED * error
+        if near or lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
             factor, error, model = -1.0, np.nan, turned  # a sign is no measured number
     code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
     if code not in wanted:
