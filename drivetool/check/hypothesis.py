@@ -25,7 +25,7 @@ from drivetool.identify.setup import problem_of
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
 KEPT = 2  # ends of a first round that may be fitted to the end
 AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
-CLOSE = 0.3  # of what the best of them gains, by which one of another order may be behind it
+CLOSE = 0.7  # of what the best of them gains, by which one of another kind may be behind it
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
@@ -159,23 +159,23 @@ def damped(model: Model, base: Model, masks: Masks) -> Model:
 
 
 def _contenders(models: Sequence[Model], base: Model) -> list[Model]:
-    """The best end, those close to it, and those of another order that gain nearly as much.
+    """The best end, those close to it, and those of another kind that gain nearly as much.
 
-    Under a torque noise that has yet to fall, a lag of the wrong order may be ahead of that of the right one.
+    Under a torque noise that has yet to fall, a lag of the wrong order, or a drag on the wrong body, may be ahead.
     """
     best = models[0]
     close = CLOSE * (base.value - best.value)
 
     def behind(m: Model) -> float:
-        return close if _orders(m) != _orders(best) and close > AHEAD else AHEAD
+        return close if _kind(m) != _kind(best) and close > AHEAD else AHEAD
 
     return [best, *(m for m in models[1:] if m.value < best.value + behind(m))]
 
 
-def _orders(model: Model) -> tuple[float | None, ...]:
-    """The choices in a drive that are no numbers to be fitted."""
+def _kind(model: Model) -> tuple[object, ...]:
+    """What is fitted, and the choices in a drive that are no numbers to be fitted."""
     drive = model.task.drive
-    return tuple(drive.value(n) for n, q in drive.quantities.items() if q.choice)
+    return model.task.free, *(drive.value(n) for n, q in drive.quantities.items() if q.choice)
 
 
 def as_special_case(simple: Tried, general: Tried, masks: Masks) -> Tried:
