@@ -31,6 +31,7 @@ TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ 
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
 SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
+THIRD = 10.0  # by which inertia, stiffness and damping of a third mass may leave their start
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
@@ -373,10 +374,12 @@ def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np
 def _bounded(problem: Problem, base: Model, task) -> Problem:
     """No lag faster than leaves a trace, no Stribeck speed that the record never leaves behind, no endless warm-up.
 
+    Nor a third mass far from where it was looked for: it would ring as fast as nothing in the record, at length.
     With so short a lag contacts inside a sample take ever longer; with so high a speed, or in so long a time, the
     surplus is constant friction by another name.
     """
     low, high = problem.low.copy(), problem.high.copy()
+    third = () if task.drive.bodies == base.task.drive.bodies else tip_names(base.task.drive, third_of(task.drive))
     for j, name in enumerate(task.free):
         if name.endswith(".bandwidth"):
             high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
@@ -387,4 +390,7 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
         elif name.endswith(".viscous_asymmetry"):
             most = max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces) / motion(base)[0]
             low[j], high[j] = max(low[j], -most), min(high[j], most)
+        elif name in third:
+            start = task.drive.value(name)
+            low[j], high[j] = max(low[j], start / THIRD), min(high[j], start * THIRD)
     return replace(problem, low=low, high=high)
