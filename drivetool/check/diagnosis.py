@@ -94,6 +94,7 @@ class Diagnosis:
     estimate    the extended and refitted drive; the base where nothing was found
     verdict     nothing-found, named, undetermined (see between) or unexplained
     causes      codes in the order found; between: codes that explain the record equally well
+    closest     where it is unexplained, what the extended drive has of the catalogue: part of the answer, maybe
     experiment  what would decide, or what would show a smaller effect
     evidence    log10 of the evidence for every cause
     gain        from the base to the extended drive
@@ -110,3 +111,4 @@ class Diagnosis:
     rounds: tuple[Round, ...]
     sentence: str
     exhibits: tuple[Exhibit, ...] = ()
+    closest: tuple[str, ...] = ()

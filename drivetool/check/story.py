@@ -130,7 +130,8 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     return Diagnosis(
         estimate, verdict, causes if verdict != "unexplained" else faults,
         between if verdict == "undetermined" else (), experiment,
-        dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain))
+        dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
+        tuple(search.found.causes) if verdict == "unexplained" else ())
 
 
 def doubtful(search: Search, estimate: Estimate, gain: Gain) -> bool:

@@ -34,7 +34,7 @@ def diagnosis_section(diagnosis: Diagnosis) -> shapes.DiagnosisSection:
     rounds = list(enumerate(diagnosis.rounds, 1))
     return shapes.DiagnosisSection(
         verdict=diagnosis.verdict, sentence=diagnosis.sentence, causes=list(diagnosis.causes),
-        between=list(diagnosis.between), experiment=diagnosis.experiment,
+        between=list(diagnosis.between), closest=list(diagnosis.closest), experiment=diagnosis.experiment,
         evidence={code: _number(value) for code, value in diagnosis.evidence.items()},
         gain=_gain(diagnosis.gain),
         candidates=[_candidate(each, n, drive) for n, one in rounds for each in one.candidates],

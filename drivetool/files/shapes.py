@@ -172,6 +172,8 @@ class DiagnosisSection(Shape):
     causes: Annotated[list[str], Meta(description="in the order found")] = []
     between: Annotated[list[str], Meta(
         description="causes that explain the record equally well; unlisted: what is in no catalogue")] = []
+    closest: Annotated[list[str], Meta(
+        description="unexplained: what the extended drive has of the catalogue, maybe for something else")] = []
     experiment: Annotated[str, Meta(description="what would decide, or show a smaller effect")] = ""
     evidence: Annotated[dict[str, Number], Meta(description="log10 per cause")] = {}
     gain: Annotated[GainSection | None, Meta(description="from the base to the extended drive")] = None
