@@ -5,22 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.check.load_scale import load_scale
 from drivetool.check.preflight import preflight
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import simulate_linear
+from tests.test_kernel import drive_of
 
 WANTED = ("wrong-sign", "wrong-scale")
 RATIO, SIZE = 3.0, 8000
 
 
+def geared(seed):
+    """A machine whose motor turns RATIO times for one turn of its load."""
+    base = machine_by_seed(seed)
+    return replace(base, ratio=(RATIO,), inertia=(base.inertia[0], RATIO**2 * base.inertia[1]),
+                   stiffness=(RATIO**2 * base.stiffness[0],), damping=(RATIO**2 * base.damping[0],))
+
+
 def recorded(seed, kinds, factor=1.0):
     """A record of a geared drive that goes back and forth, the load's channel times a factor."""
-    base = machine_by_seed(seed)
-    machine = replace(base, ratio=(RATIO,), inertia=(base.inertia[0], RATIO**2 * base.inertia[1]),
-                      stiffness=(RATIO**2 * base.stiffness[0],), damping=(RATIO**2 * base.damping[0],))
+    base = machine = geared(seed)
     slow, fast = (multisine(np.linspace(*ends, 20), 1.0, SIZE * STEP, STEP, seed)
                   for ends in ((0.25, 2.75), (4.0, 60.0)))
     torque = 0.3 * base.rated_torque * (slow + fast)[:SIZE]
@@ -77,3 +84,22 @@ def test_missing_values_and_a_load_alone_are_no_fault():
     assert [f.code for f in faults] == ["wrong-scale"]
     alone = {r: v for r, v in record.signals.items() if r != "motor_speed"}
     assert preflight([replace(record, signals=alone)], WANTED, RATIO)[1] == []
+
+
+@pytest.mark.parametrize(("seed", "kinds", "factor"), [
+    (20, ("speed", "speed"), 1.03), (23, ("speed", "angle"), -0.96)])
+def test_with_the_drive_the_scale_is_told_far_better(seed, kinds, factor):
+    """What half a per cent leaves of the load's motion is no law that is missing."""
+    (mended,), faults = preflight([recorded(seed, kinds, factor)], WANTED, RATIO)
+    rough = faults[0].finding.evidence
+    wrong = {"motor.inertia": 1.1, "load.inertia": 0.9, "shaft.stiffness": 1.1, "shaft.damping": 0.9}
+    drive = drive_of(geared(seed))
+    drive = drive.with_values({n: v * drive.value(n) for n, v in wrong.items()})
+    free = (*wrong, "motor.viscous", "load.viscous")
+    (again,), (fault,) = load_scale((mended,), drive, free, faults, {})
+    fine = fault.finding.evidence
+    assert fine["std"] < 0.2 * rough["std"]
+    assert abs(fine["factor"] - factor) < 3.5 * fine["std"]
+    role = f"load_{kinds[1]}"
+    np.testing.assert_allclose(
+        again.signals[role] * fine["factor"], mended.signals[role] * rough["factor"], rtol=1e-9)

@@ -9,16 +9,17 @@ from drivetool.check.hypothesis import _contenders, _unrepeated
 from drivetool.drive.chain import two_mass
 
 
-def end(value, order=2.0):
+def end(value, order=2.0, owner="motor"):
     drive = two_mass().with_values({"converter.order": order})
-    return SimpleNamespace(value=value, task=SimpleNamespace(drive=drive))
+    return SimpleNamespace(value=value, task=SimpleNamespace(drive=drive, free=(f"{owner}.drag",)))
 
 
-@pytest.mark.parametrize(("behind", "order", "kept"), [
-    (30.0, 1.0, True), (100.0, 1.0, False), (100.0, 2.0, True), (400.0, 2.0, False)])
-def test_a_lag_of_another_order_is_given_up_later(behind, order, kept):
-    """Of a gain of 1000: fifty behind is too much for the same law, a third of it for one of another order."""
-    best, other = end(-1000.0, 1.0), end(-1000.0 + behind, order)
+@pytest.mark.parametrize(("behind", "order", "owner", "kept"), [
+    (30.0, 1.0, "motor", True), (100.0, 1.0, "motor", False), (100.0, 2.0, "motor", True),
+    (800.0, 2.0, "motor", False), (650.0, 1.0, "load", True), (800.0, 1.0, "load", False)])
+def test_a_lag_of_another_order_and_a_law_of_another_body_are_given_up_later(behind, order, owner, kept):
+    """Of a gain of 1000: fifty behind is too much for the same law, seven tenths of it for one of another kind."""
+    best, other = end(-1000.0, 1.0), end(-1000.0 + behind, order, owner)
     assert _contenders([best, other], end(0.0)) == [best, *([other] if kept else [])]
 
 

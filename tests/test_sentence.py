@@ -33,14 +33,15 @@ def test_a_name_is_doubted_where_implausible_noise_takes_the_place_of_much(befor
 def test_the_doubt_is_said_with_its_size_and_what_would_settle_it():
     between = ("hardening-stiffness", UNLISTED)
     text = sentence_of("undetermined", ((), between, between[:1]), "", gain(27.0, 10.5), 0.08)
-    assert "hardening stiffness explains it best" in text and "10 times the sensor's own noise" in text
+    assert "a shaft that stiffens under load (hardening-stiffness) explains it best" in text
+    assert "10 times the sensor's own noise" in text
     assert "8 % of its spread" in text and UNLISTED not in text
     assert "Hold the torque" in experiment_of(between, "undetermined")
 
 
 def test_what_was_not_asked_for_is_said():
     text = sentence_of("unexplained", ((), (), ()), "coulomb-load", gain(27.0, 27.0), 0.01)
-    assert text.endswith("none of the candidates explains; coulomb load would.")
+    assert text.endswith("none of the candidates explains; dry friction at the load (coulomb-load) would.")
     named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
     assert "lacks backlash" in named and "7 times the sensor's own noise" in named
     assert "a noise of the torque of 1 % of its spread" in named
@@ -62,9 +63,11 @@ def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, sai
 
 
 @pytest.mark.parametrize(("causes", "found", "begins"), [
-    (("outliers",), (), "The record is at fault, not the simulation: outliers."),
-    (("wrong-sign", "load-step"), ("load-step",), "The record is at fault (wrong sign), and the simulation lacks"),
-    (("load-step",), ("load-step",), "The simulation lacks load step: in free runs")])
+    (("outliers",), (), "The record is at fault, not the simulation: single wrong values (outliers)."),
+    (("wrong-sign", "backlash"), ("backlash",), "The record is at fault: a channel with the wrong sign "
+     "(wrong-sign). Beside that the simulation lacks backlash: in free runs"),
+    (("load-step",), ("load-step",), "The simulation lacks a load that set in or ended during the record "
+     "(load-step): in free runs")])
 def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begins):
     text = sentence_of("named", (causes, (), found), "", gain(27.0, 2.0), 0.01)
     assert text.startswith(begins) and ("free runs" in text) == bool(found)

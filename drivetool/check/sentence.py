@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drivetool.check.causes import CAUSES
 from drivetool.check.decide import experiment_between
 from drivetool.check.diagnosis import UNLISTED, Gain
 
@@ -61,37 +62,48 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     met      rms error of free runs of what was fitted to the whole record
     """
     causes, between, found = codes
-    words = " and ".join(c.replace("-", " ") for c in causes)
+    words = _and(causes)
     way = "falls" if gain.held_out_rmse_after < gain.held_out_rmse_before else "goes"
     better = (f"in free runs of {gain.segment:.3g} s over data held out the error {way} from "
               f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
     if verdict == "named":
         left = "" if gain.unexplained_percent < 1.0 else (
             f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
-        faults = " and ".join(c.replace("-", " ") for c in causes if c not in found)
+        faults = _and([c for c in causes if c not in found])
         if not found:
             return (f"The record is at fault, not the simulation: {faults}. Apart from that it holds nothing "
                     "beyond noise that a cause in the catalogue would explain.")
-        laws = " and ".join(c.replace("-", " ") for c in causes if c in found)
-        first = f"The record is at fault ({faults}), and the" if faults else "The"
+        laws = _and([c for c in causes if c in found])
+        first = f"The record is at fault: {faults}. Beside that the" if faults else "The"
         return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met, share)}."
     if verdict == "undetermined":
-        either = " or ".join(c.replace("-", " ") for c in between if c != UNLISTED)
-        first = f"The simulation lacks {words}, and " if causes else "The simulation lacks something: "
+        either = " or ".join(_said(c) for c in between if c != UNLISTED)
+        first = f"The simulation lacks {words or 'something'}{', and one thing more' * bool(causes)}: "
         if UNLISTED in between:
             return (f"{first}{either} explains it best, but {better}, {_times(gain):.0f} times the sensor's own "
                     f"noise: either the torque has noise of {100.0 * share:.0f} % of its spread, or another law is "
                     "at work.")
         return f"{first}{either} explain the record equally well; {better}."
     if verdict == "unexplained":
-        closest = ", then ".join(c.replace("-", " ") for c in found).capitalize()
-        near = f" {closest} come{'s' * (len(found) == 1)} closest ({better}), but" if closest else ""
+        closest = ", then ".join(map(_said, found))
+        near = (f" {closest[:1].upper()}{closest[1:]} come{'s' * (len(found) == 1)} closest ({better}), but"
+                if closest else "")
         if unasked:
-            known = unasked.replace("-", " ")
+            known = _said(unasked)
             return f"Something is missing that none of the candidates explains;{near} {known} would."
         return (f"Something is missing that no cause in the catalogue explains.{near} "
                 f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
     return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
+
+
+def _said(code: str) -> str:
+    """A cause in the words of the plant, and by its code."""
+    name = CAUSES[code].name
+    return name if name == code.replace("-", " ") else f"{name} ({code})"
+
+
+def _and(codes: Sequence[str]) -> str:
+    return " and ".join(map(_said, codes))
 
 
 def _times(gain: Gain) -> float:

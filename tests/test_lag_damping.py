@@ -1,0 +1,30 @@
+"""A lag of the torque that is not damped as the drive's default says: its damping is fitted where that pays."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.hidden import greybox_options, make_case, write_start
+from tests.hidden.beside import log
+from tests.hidden.command import ask
+from tests.hidden.profiles import profile
+
+DEFAULT = 0.69
+
+
+@pytest.mark.parametrize(("seed", "damping"), [(71001, 1.0), (71002, DEFAULT)])
+def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_path, seed, damping):
+    """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
+    case = make_case("none", seed, sensors=("motor_speed", "load_speed"), noise="quiet")
+    machine = replace(case.rig.machine, converter_bandwidth=900.0, converter_damping=damping)
+    record = log(tmp_path, case, profile("reversing", case.rig, seed), machine=machine)
+    found = ask(tmp_path, [record], write_start(case, tmp_path), greybox_options(case),
+                ["--candidates", "converter-lag,third-mass,dead-time,torque-ripple"])
+    assert (found.verdict, found.causes) == ("named", ("converter-lag",)), found
+    bandwidth = found.parameters["converter.bandwidth"]
+    assert abs(bandwidth["value"] - 900.0) < 3.5 * bandwidth["std"]
+    line = found.parameters.get("converter.damping", {"value": DEFAULT, "std": None})
+    if damping == DEFAULT:
+        assert line["std"] is None
+    else:
+        assert abs(line["value"] - damping) < 3.5 * line["std"] < 0.2
