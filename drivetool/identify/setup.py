@@ -229,8 +229,9 @@ def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> N
 
 
 def _motor_speed(roles: Roles, trace: Trace) -> float:
-    """Speed over the first samples: the mean, or the slope of an angle."""
-    head = trace.outputs[: max(5, min(20, trace.size // 10)), 0]
+    """Speed over the first samples that were measured: the mean, or the slope of an angle."""
+    first = int(np.argmax(np.isfinite(trace.outputs[:, 0])))
+    head = trace.outputs[first:first + max(5, min(20, trace.size // 10)), 0]
     good = np.isfinite(head)
     if not good.any():
         return 0.0
