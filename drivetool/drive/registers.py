@@ -5,8 +5,8 @@ row of a step matrix lies over z = [x, u, 1], n + 2 numbers. A covariance is a t
 of its rows, one behind the other.
 
 The compiler makes vectors of plain loops over columns too, but it keeps an address for each of the n (n + 2) rows
-of derivatives that a step adds up, and soon runs out of registers. Here these rows lie one behind the
-other, WIDE columns wide (see `wide`), and one address serves all.
+of derivatives that a step adds up, and soon runs out of registers. In blocks of WIDE columns (Cache.wide) these
+rows lie one behind the other, and one address serves all.
 """
 
 from __future__ import annotations
