@@ -35,7 +35,7 @@ from drivetool.identify.setup import led_in, roles_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
 
-BEGINNING = 0.01  # s of every stretch in which nothing is judged: a cause may be a delay
+DELAY, DELAYED = "dead-time", "converter.dead_time"
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -79,7 +79,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
-    logged = tuple(led_in(measured(e), drive, free, BEGINNING) for e in (*experiments, *holdout))
+    logged = tuple(led_in(measured(e), drive, free) for e in (*experiments, *holdout))
     mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     mended, faults = load_scale(mended, drive, free, faults, begun)
@@ -94,6 +94,11 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         mended, faults = doubted_outliers(mended, logged, drive, free, faults)
     asked = Asked(len(experiments), given, free, wanted, options, begun, tuple(notes))
     search = searched(asked, mended, drive, faults)
+    if DELAY in {*search.found.causes, *search.found.between}:
+        # What was commanded before the record comes through in it: nobody knows what that was.
+        delayed = search.model.fitted.drive
+        mended = tuple(led_in(e, delayed, (DELAYED,)) for e in mended)
+        search = searched(asked, mended, drive, faults)
     other = shaft_again(search, mended, blamed, wanted)
     if other is not None:
         mended, values, faults = other

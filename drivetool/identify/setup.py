@@ -75,20 +75,18 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     return tuple(found)
 
 
-def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = (), least: float = 0.0) -> Experiment:
+def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Experiment:
     """The experiment without the values of its sensors where a stretch begins, if the drive has a dead time.
 
     There it moves by torques from before the record, which nobody knows. At most a hundredth of a stretch goes.
-
-    least  seconds that go whatever the drive has
     """
     delay = drive.value("converter.dead_time") or 0.0
-    if delay > 0.0 or "converter.dead_time" in free:
-        least = max(least, ROOM * delay + 2.0 * experiment.step)
+    if delay == 0.0 and "converter.dead_time" not in free:
+        return experiment
     sensors = {r for r in experiment.signals if r not in INPUTS and not r.startswith("reference")}
     signals = {r: values.copy() if r in sensors else values for r, values in experiment.signals.items()}
     for first, last in experiment.segments:
-        count = min(int(np.ceil(least / experiment.step)), (last - first) // 100)
+        count = min(int(np.ceil(ROOM * delay / experiment.step)) + 2, (last - first) // 100)
         for role in sensors:
             signals[role][first:first + count] = np.nan
     return replace(experiment, signals=signals)
