@@ -262,6 +262,12 @@ def test_pages_of_other_verdicts(folder, asked, call):
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("one of the possible causes") == 2 and "Sweep the preload." in words
     assert "stiffer the more torque" in words
+    asked.answer = diagnosed.diagnosis(verdict="unexplained", causes=(), closest=("backlash",))
+    call(*WORDS, "-o", "x.yaml", "--report", "r.html", "-q")
+    words = " ".join(Page(Path("r.html").read_text()).words)
+    assert words.count("comes closest") == 1 and "No cause of the catalogue" not in words
+    section = yaml.safe_load(Path("x.yaml").read_text())["diagnosis"]
+    assert (section["causes"], section["closest"]) == ([], ["backlash"])
 
 
 def test_nothing_is_left_when_the_page_cannot_be_written(folder, asked, call, monkeypatch):

@@ -70,8 +70,9 @@ def _causes(diagnosis: Diagnosis) -> str:
     lines = ["<h2>What was found</h2>"]
     final = {p.name: p for p in diagnosis.estimate.parameters}
     for found in words.named_results(diagnosis):
-        name, text, look = words.finding_of(found, final if found.code in diagnosis.causes else {})
-        doubt = " (one of the possible causes)" if found.code not in diagnosis.causes else ""
+        sure, near = found.code in diagnosis.causes, found.code in diagnosis.closest
+        name, text, look = words.finding_of(found, final if sure or near else {})
+        doubt = "" if sure else " (comes closest)" if near else " (one of the possible causes)"
         law = f' <span class="small">Law: <code>{escape(found.law)}</code></span>' if found.law else ""
         lines.append(f"<h3>{escape(name)}{doubt}</h3>\n<p>{escape(text)} {escape(look)}{law}</p>")
     if len(lines) == 1:

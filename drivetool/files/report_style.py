@@ -17,7 +17,7 @@ p { margin: 0.4rem 0 0.8rem; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(8.5rem, 1fr)); gap: 0.6rem;
   margin: 1rem 0; }
 .figures div { padding: 0.6rem 0.8rem; background: var(--tint); }
-.figures b { display: block; font-size: 1.15rem; white-space: nowrap; }
+.figures b { display: block; font-size: 1.15rem; }
 .figures span { color: var(--soft); font-size: 0.85rem; }
 .scroll { overflow-x: auto; margin: 0.6rem 0 1rem; }
 table { border-collapse: collapse; width: 100%; font-size: 0.88rem; }

@@ -79,13 +79,13 @@ def gain_words(gain: Gain) -> str:
 
 
 def named_results(diagnosis: Diagnosis) -> list[CandidateResult]:
-    """The candidate of each cause that was found, then of those it could be between."""
+    """The candidate of each cause that was found, then of those it could be between, then of what comes closest."""
     found = {}
     for one in diagnosis.rounds:
         for each in one.candidates:
             if each.code == one.cause or each.code in diagnosis.between:
                 found[each.code] = each
-    codes = dict.fromkeys([*diagnosis.causes, *diagnosis.between])
+    codes = dict.fromkeys([*diagnosis.causes, *diagnosis.between, *diagnosis.closest])
     return [found.get(code, CandidateResult(code, "", "named")) for code in codes]
 
 
