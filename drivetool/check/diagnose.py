@@ -36,6 +36,7 @@ from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
 
 DELAY, DELAYED = "dead-time", "converter.dead_time"
+MUCH = 0.5  # samples of a dead time, from which what was commanded before a record counts in it
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -94,10 +95,10 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         mended, faults = doubted_outliers(mended, logged, drive, free, faults)
     asked = Asked(len(experiments), given, free, wanted, options, begun, tuple(notes))
     search = searched(asked, mended, drive, faults)
-    if DELAY in {*search.found.causes, *search.found.between}:
+    delay = delay_of(search)
+    if delay > MUCH * max(e.step for e in mended):
         # What was commanded before the record comes through in it: nobody knows what that was.
-        delayed = search.model.fitted.drive
-        mended = tuple(led_in(e, delayed, (DELAYED,)) for e in mended)
+        mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
         search = searched(asked, mended, drive, faults)
     other = shaft_again(search, mended, blamed, wanted)
     if other is not None:
@@ -106,6 +107,15 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search.leave_out(*without_surprises(search.model, mended[:len(search.model.task.experiments)]))
     return tell(search, drive, options)
+
+
+def delay_of(search: Search) -> float:
+    """The dead time that was found, or is one of what it may be [s]; zero without."""
+    if DELAY not in {*search.found.causes, *search.found.between}:
+        return 0.0
+    told = [p.value for one in search.rounds for c in one.candidates if c.code == DELAY
+            for p in c.parameters if p.name == DELAYED]
+    return max(told, default=0.0)
 
 
 def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Search:
