@@ -166,6 +166,8 @@ def _time(model: Model, problem: Problem, passes: Sequence[Filtered]) -> float:
         gains = [Gains(f.gains.gain, f.gains.weight * ((np.arange(len(f.innovations)) >= 0.5 * len(f.innovations))
                                                        == late)[:, None]) for f in passes]
         halves.append(problem.with_memory(model.noise.memory).normal(with_state(model.point, model.noise), gains))
+    if not all(np.all(np.isfinite(part)) for h in halves for part in (h.shared, h.slope, *h.own, *h.cross)):
+        return 0.0  # a model that runs away: of its parameters nothing is known
     (first, down), (second, up) = (_without_starts(half, halves) for half in halves)
     whole = first + second
     # A parameter of which nothing is known, on its bound say, is in no direction.
