@@ -12,9 +12,11 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.heldout import Fold
 from drivetool.check.model import Model
 from drivetool.check.remainder import Remainder
+from drivetool.check.structure import states_of
 from drivetool.drive.simulate import Trace
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import free_run
+from drivetool.identify.noise import filtered
 
 AWAY = 1e3  # times the largest measured value: a run that is further off has diverged
 
@@ -47,8 +49,27 @@ def blocks_under_test(fold: Fold, traces: Sequence[Trace]) -> list[Trace]:
     """The blocks of a fold's test samples in which the first sensor has a value, as traces of their own."""
     return [replace(traces[i], inputs=traces[i].inputs[a:b], outputs=traces[i].outputs[a:b],
                     origin=traces[i].origin + a * traces[i].step, lead=traces[i].inputs[:a])
-            for i, a, b in blocks_of(traces)
+            for i, a, b in _places(fold, traces)]
+
+
+def _places(fold: Fold, traces: Sequence[Trace]) -> list[tuple[int, int, int]]:
+    """(trace, first sample, end) of the blocks of a fold's test samples in which the first sensor has a value."""
+    return [(i, a, b) for i, a, b in blocks_of(traces)
             if fold.test[i][a:b].mean() > 0.5 and np.isfinite(traces[i].outputs[a:b, 0]).any()]
+
+
+def turned(model: Model, fold: Fold) -> list[np.ndarray]:
+    """Per block of test samples the state that the model, run on from block to block, has where it begins.
+
+    Where a torque depends on an angle that nobody measures, only this says how far the drive has turned: from
+    nothing, the start of a ripple of several orders would be found in another of its valleys. Empty elsewhere.
+    """
+    problem, roles = model.problem, model.task.roles.outputs
+    states = states_of(model.task, problem.traces[0].step)
+    if "angle" not in states or any(role.endswith("angle") for role in roles):
+        return []
+    passes = filtered(problem, model.point, model.noise)
+    return [passes[i].states[a, :len(states)].copy() for i, a, _ in _places(fold, problem.traces)]
 
 
 def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
@@ -58,7 +79,7 @@ def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
         traces = blocks_under_test(fold, model.problem.traces)
         if not traces:
             continue
-        _, _, runs = free_run(model.fitted, traces, model.noise)
+        _, _, runs = free_run(model.fitted, traces, model.noise, turned(model, fold))
         measured += [t.outputs[:, 0] for t in traces]
         simulated += [_bounded(r[:, 0], t.outputs[:, 0]) for t, r in zip(traces, runs, strict=True)]
     return Forecast(tuple(measured), tuple(simulated))

@@ -296,10 +296,11 @@ def segment_states(task: Task, traces: Sequence[Trace], hot: float | None = None
 
 
 def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | None = None,
-             ) -> tuple[Problem, Point, list[np.ndarray]]:
+             further: Sequence[np.ndarray] = ()) -> tuple[Problem, Point, list[np.ndarray]]:
     """Free runs of the drive as it is, only the start states fitted: (problem, point, outputs).
 
-    noise  by which a first guess of the start states is smoothed, white; None: estimated
+    noise    by which a first guess of the start states is smoothed, white; None: estimated
+    further  per trace a start state that is tried, too; none: there is none
     """
     problem = task.problem(free=())
     if traces is not None:
@@ -312,7 +313,8 @@ def free_run(task: Task, traces: Sequence[Trace] | None = None, noise: Noise | N
     found = []
     for i, trace in enumerate(problem.traces):
         alone = replace(problem, traces=(trace,))
-        tries = [approach(alone, Point(point.values, (s[i],)), None, 5) for s in (point.starts, starts)]
+        tries = [approach(alone, Point(point.values, (s[i],)), None, 5)
+                 for s in (point.starts, starts, further) if s]
         begun, _ = min(tries, key=lambda pair: pair[1])
         found.append(solve(alone, begun, most=40).point.starts[0])
     point = Point(point.values, tuple(found))
