@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
+from drivetool.check.further_orders import with_another_order
 from drivetool.check.further_steps import with_further_steps
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
@@ -46,6 +48,7 @@ from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
 
 WORKERS = 2
+RIPPLE = "torque-ripple"
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
@@ -293,16 +296,24 @@ class Search:
 
     def _adopt(self, decision: Decision, scores: Sequence[Score]) -> None:
         """Make the winner the base of the next round."""
-        best = decision.best
-        added = [n for n in best.model.task.free if n not in self.model.task.free]
+        best, before = decision.best, self.model.task.free
         places = {s.model.code: place for s in scores if s.model.code in decision.between
                   and (place := place_of(s.model)) is not None}
-        self.found.take(best.model.code, decision, added, best.gain, places)
         self.ends = {}  # they lack what is adopted now
         rested = returned(at_rest(best.model, self.masks), self.begun, self.masks)
+        gain, self.trained = best.gain, best.trained
+        more = with_another_order(rested, self.masks) if best.model.code == RIPPLE else None
+        while more is not None:  # as long as data held out agree
+            known = score(more, self.folds)
+            stage = self.gain_between(self.trained, known.trained)
+            if known.gain < gain or stage.held_out_rmse_after > (1.0 + SPOILT) * stage.held_out_rmse_before:
+                break
+            rested, gain, self.trained = more, known.gain, known.trained
+            more = with_another_order(rested, self.masks)
+        added = [n for n in rested.task.free if n not in before]
+        self.found.take(best.model.code, decision, added, gain, places)
         # Across a gap, say, friction of the motor and of the load are no longer the same.
         self.model = with_parts(rested, self.masks)
-        self.trained = best.trained
 
     def leave_out(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> None:
         """Take records in place of those of the last model, if there are findings about what they lack."""
@@ -316,16 +327,27 @@ class Search:
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
-        before, causes = self.model, tuple(self.found.causes)
+        before, kept, trained = self.model, deepcopy(self.found), self.trained
         self.model, names = spared(self.model, self.found, self.first.task.drive, self.asked, self.masks,
                                    self.options.error_budget)
+        if self.model is not before and self._runs_away():
+            self.model, self.found, self.trained, names = before, kept, trained, {}
         self.rounds = [renamed(one, names) for one in self.rounds]
         if self.model is before:
             return
         with suppress(*BROKEN):  # then the gain, or what was open, of what was found first stands
             self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
-            for code in self.found.unsure(causes):
+            for code in self.found.unsure(kept.causes):
                 self._ask_again(code)
+
+    def _runs_away(self) -> bool:
+        """Whether free runs over data held out become worse without what single steps do not need."""
+        try:
+            without = self.gain_between(self.trained, score(self.model, self.folds).trained)
+        except BROKEN:  # then what single steps say stands
+            return False
+        change = without.held_out_rmse_after - without.held_out_rmse_before
+        return change > max(SPOILT * without.held_out_rmse_before, without.rmse_std)
 
     def _ask_again(self, code: str) -> None:
         """See what explains the records as well as a cause, where it was found beside one that is gone."""

@@ -25,7 +25,7 @@ class Effects:
                      of the elastic deflection phi
     damping_torque   (n-1,) [Nm] T0: damping c (1 + |elastic torque| / T0)
     ripple           (amplitude [Nm], order [-], phase [rad]): a sin(order angle + phase) is added
-                     to the torque on body 0
+                     to the torque on body 0; so is ripple2
     imbalance        (amplitude [Nm], ratio [-], phase [rad]): a sin(angle / ratio + phase) opposes
                      the last body, as a weight does
     drift            (share [-], time [s]): viscous and Coulomb friction of all bodies times
@@ -43,6 +43,7 @@ class Effects:
     hardening_power: tuple[float, ...] = ()
     damping_torque: tuple[float, ...] = ()
     ripple: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    ripple2: tuple[float, float, float] = (0.0, 1.0, 0.0)
     imbalance: tuple[float, float, float] = (0.0, 1.0, 0.0)
     drift: tuple[float, float] = (0.0, 1.0)
     load_step: tuple[float, float] = (0.0, 0.0)

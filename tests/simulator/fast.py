@@ -86,7 +86,7 @@ def plant_of(machine: Machine) -> np.ndarray:
     shaft = {name: np.array(getattr(m, name)) for name in ("stiffness", "damping", "half_gap", "ratio")}
     shaft |= {name: np.array(e.of(name, n - 1)) for name in (
         "hardening_twist", "hardening_power", "damping_torque")}
-    path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.imbalance, *e.drift,
+    path = (m.converter_bandwidth or 0.0, m.converter_damping, *e.ripple, *e.ripple2, *e.imbalance, *e.drift,
             *e.load_step, e.filter_time, float(m.law == "always"))
     rows = [*(body[name] for name in kernel.BODY), *(shaft[name] for name in kernel.SHAFT), path]
     table = np.zeros((len(rows), max(n, len(path))))

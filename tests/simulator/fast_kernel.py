@@ -25,10 +25,11 @@ BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribe
 JN, VIS, VBK, COU, CBK, STR, SSP, QUA, IDL, ROU = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
-PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "imbalance", "imbalance_ratio",
-        "imbalance_phase", "drift", "drift_time", "load_step", "load_time", "filter_time", "always")
+PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "ripple2", "order2", "ripple2_phase",
+        "imbalance", "imbalance_ratio", "imbalance_phase", "drift", "drift_time",
+        "load_step", "load_time", "filter_time", "always")
 LINE = len(BODY) + len(SHAFT)
-W0, ZETA, RIP, ORD, RPH, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW = range(len(PATH))
+W0, ZETA, RIP, ORD, RPH, RI2, OR2, RP2, IMB, IRA, IPH, DRI, DTI, LST, LTI, FIL, ALW = range(len(PATH))
 # Rows of the modes: contact states, slip states, counts of events.
 CONTACT, SLIP, EVENTS = range(3)
 MADE, LOST, STUCK, RELEASED, REVERSED = range(5)
@@ -97,6 +98,8 @@ def net_torques(x, at, t, u, p, mode):
     x[NET, 0] += (x[at, 2 * n] if p[LINE, W0] > 0.0 else u.command) + u.noise
     if p[LINE, RIP] != 0.0:
         x[NET, 0] += p[LINE, RIP] * np.sin(p[LINE, ORD] * x[at, 2 * n - 1] + p[LINE, RPH])
+    if p[LINE, RI2] != 0.0:
+        x[NET, 0] += p[LINE, RI2] * np.sin(p[LINE, OR2] * x[at, 2 * n - 1] + p[LINE, RP2])
     x[NET, n - 1] -= u.load
     if p[LINE, IMB] != 0.0:
         angle = x[at, 2 * n - 1]

@@ -116,8 +116,9 @@ class Laws:
         net[0] += (x[2 * n] if self.converter else self.command) + self.disturbance
         net[-1] -= self.load
         angle = self.turned + x[2 * n - 1]
-        if e.ripple[0]:
-            net[0] += e.ripple[0] * math.sin(e.ripple[1] * angle + e.ripple[2])
+        for amplitude, order, phase in (e.ripple, e.ripple2):
+            if amplitude:
+                net[0] += amplitude * math.sin(order * angle + phase)
         for k, torque in enumerate(self.shaft_torques(x)):
             net[k] -= torque / self.shafts[k][5]
             net[k + 1] += torque

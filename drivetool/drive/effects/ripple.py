@@ -1,10 +1,11 @@
-"""Torque ripple of the motor: a torque that repeats with its angle."""
+"""Torque ripple of the motor: a torque that repeats with its angle, of up to three orders."""
 
 from math import cos, sin
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
+RIPPLES = ("ripple", "ripple2", "ripple3")  # the orders that a drive may have
 
 def torque(angle, _, time, side, p, out):
     """a sin(n angle) + b cos(n angle); a, b, n = p[0..2]."""
@@ -19,23 +20,26 @@ def torque(angle, _, time, side, p, out):
 
 def stamp(assembly, body):
     """At the body's own angle: that of the motor, where the tool looks for it."""
-    if assembly.acts(body, "ripple_sine") or assembly.acts(body, "ripple_cosine"):
-        parameters = [assembly.of_body(body, s) for s in ("ripple_sine", "ripple_cosine", "ripple_order")]
-        assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
+    for ripple in RIPPLES:
+        if assembly.acts(body, f"{ripple}_sine") or assembly.acts(body, f"{ripple}_cosine"):
+            parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in KINDS]
+            assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
 
+
+KINDS = {
+    "sine": Quantity("{T}", "torque ripple, sine of the angle", (-1e12, 1e12), 1e-3, 0.0),
+    "cosine": Quantity("{T}", "torque ripple, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
+    "order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
+}
 
 EFFECT = Effect(
     code="torque-ripple",
     of="body",
-    quantities={
-        "ripple_sine": Quantity("{T}", "torque ripple, sine of the angle", (-1e12, 1e12), 1e-3, 0.0),
-        "ripple_cosine": Quantity("{T}", "torque ripple, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
-        "ripple_order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
-    },
+    quantities={f"{ripple}_{what}": quantity for ripple in RIPPLES for what, quantity in KINDS.items()},
     stamp=stamp,
     law="T = a sin(n angle) + b cos(n angle), added to the torque that drives the body",
     needs="motion over many periods of the ripple, slow enough to sample it",
     source="Jahns, Soong 1996, IEEE Trans. Ind. Electron. 43(2)",
-    present=("ripple_sine", "ripple_cosine"),
+    present=tuple(f"{ripple}_{part}" for ripple in RIPPLES for part in ("sine", "cosine")),
     odd=False,
 )
