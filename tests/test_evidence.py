@@ -13,8 +13,8 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import blocks_under_test
 from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
+from drivetool.check.judgement import doubtful, spoils
 from drivetool.check.rounds import Search
-from drivetool.check.story import doubtful, spoils
 from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import minus_log_likelihood
 

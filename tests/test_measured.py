@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivetool.check.diagnosis import UNLISTED
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.spectra import SpectraOptions, spectra
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import ChannelMap
+from tests.hidden.command import read, run
 
 FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")
 pytestmark = pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set")
@@ -82,3 +84,27 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     jm, jl, ks = (found[0][n].value for n in ("motor.inertia", "load.inertia", "shaft.stiffness"))
     assert np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi == pytest.approx(76.3, abs=0.5)
     assert np.sqrt(ks / jl) / 2 / np.pi == pytest.approx(54.0, abs=0.5)
+
+
+def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path):
+    """What least squares on the differentiated position says too, without any simulation (README)."""
+    (tmp_path / "map.yaml").write_text("schema: drivetool/channel-map/1\nroles:\n"
+                                       "  motor_torque: {channel: force, unit: N}\n"
+                                       "  motor_angle: {channel: q, unit: m}\n")
+    (tmp_path / "start.yaml").write_text("schema: drivetool/parameters/1\ndrive: {bodies: [motor], shafts: []}\n"
+                                         "parameters:\n  motor.inertia: {value: 80, unit: kg}\n")
+    log = Path(FOLDER) / "emps.parquet"
+    both = ["--map", "map.yaml"]
+    done = run(tmp_path, ["greybox", log, *both, "--params", "start.yaml", "--out", "base.yaml"])
+    assert done.returncode in (0, 3), done.stderr
+    done = run(tmp_path, ["diagnose", log, *both, "--params", "base.yaml", "--out", "extended.yaml",
+                          "--candidates", "asymmetric-friction,torque-ripple,quadratic-drag,stribeck-motor"])
+    answer = read(tmp_path / "extended.yaml", done.stderr)
+    assert answer.verdict == "undetermined" and answer.between == ("asymmetric-friction", "torque-ripple", UNLISTED)
+    found = {name.removeprefix("motor."): p["value"] for name, p in answer.parameters.items()}
+    assert found["viscous_asymmetry"] == pytest.approx(-36.9, abs=3.0)  # published: +-18.4 about 203.5, halved
+    orders = sorted(v for n, v in found.items() if n.endswith("_order"))
+    assert 2.0 * np.pi / orders[0] == pytest.approx(2.50e-3, rel=5e-3)
+    assert orders[1] / orders[0] == pytest.approx(2.0, rel=3e-3)
+    assert answer.gain["held_out_rmse_after"] < 0.65 * answer.gain["held_out_rmse_before"]
+    assert "one-step-errors-hum" in done.stderr and "445" in done.stderr

@@ -8,9 +8,9 @@ import pytest
 
 from drivetool.check.diagnosis import UNLISTED, Gain
 from drivetool.check.found import Found
+from drivetool.check.judgement import UNEXPLAINED, verdict_of
 from drivetool.check.remainder import Remainder
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
-from drivetool.check.story import UNEXPLAINED, _verdict
 
 NOISE = 0.02  # rad/s of the sensor
 
@@ -37,6 +37,17 @@ def test_the_doubt_is_said_with_its_size_and_what_would_settle_it():
     assert "10 times the sensor's own noise" in text
     assert "8 % of its spread" in text and UNLISTED not in text
     assert "Hold the torque" in experiment_of(between, "undetermined")
+
+
+def test_part_of_an_answer_is_said_as_that():
+    between = ("asymmetric-friction", "torque-ripple", UNLISTED)
+    text = sentence_of("undetermined", (("outliers",), between, between[:2]), "", gain(27.0, 10.5), 0.01,
+                       doubt="44 % of what could be explained is left")
+    assert text.startswith("The record is at fault: single wrong values (outliers). Beside that the simulation "
+                           "lacks friction that depends on the direction (asymmetric-friction) and torque ripple "
+                           "of the motor (torque-ripple), or something in no catalogue")
+    assert text.endswith("to 0.21 rad/s, but 44 % of what could be explained is left.") and UNLISTED not in text
+    assert "at other levels" in experiment_of(between, "undetermined", doubt="44 %")
 
 
 def test_what_was_not_asked_for_is_said():
@@ -80,4 +91,4 @@ def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begin
 def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict):
     """No law was found; what rounding leaves repeats by itself."""
     search = SimpleNamespace(unasked="", found=Found(), left=Remainder(left, 0.0, 0.0))
-    assert _verdict(search, causes) == verdict
+    assert verdict_of(search, causes) == verdict

@@ -17,6 +17,7 @@ from drivetool.check.afresh import strayed
 from drivetool.check.between_records import change_between
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
+from drivetool.check.judgement import UNEXPLAINED
 from drivetool.check.lateness import lag_of
 from drivetool.check.load_scale import load_scale
 from drivetool.check.model import Masks, Model, everything, from_start
@@ -27,7 +28,7 @@ from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.second_look import second_look
 from drivetool.check.shaft import rescaled, shaft_fault
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
-from drivetool.check.story import UNEXPLAINED, tell
+from drivetool.check.story import tell
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.engine import Task

@@ -27,17 +27,19 @@ def taken_for_noise(gain: Gain, share: float, loud: float = LOUD) -> bool:
             and share > IMPLAUSIBLE)
 
 
-def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = ()) -> str:
+def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = (),
+                  doubt: str = "") -> str:
     """What would decide, or show more.
 
     shafts  whether the drive has more than one body; logged: roles of the sensors that the records have
+    doubt   why it may be something in no catalogue; empty: the torque's noise
     """
-    if UNLISTED in between and verdict == "undetermined":
+    if UNLISTED in between and verdict == "undetermined" and not doubt:
         return ("Hold the torque for some seconds at several levels: a noise of the torque is there too, the "
                 f"effect of a law that is missing is not.{_further(shafts, logged)}")
-    if verdict == "undetermined":
+    if verdict == "undetermined" and not doubt:
         return experiment_between(between)
-    if verdict == "unexplained":
+    if verdict == "unexplained" or doubt:
         return ("Repeat the record at other levels, and look at the residual over speed, torque and angle in the "
                 f"report.{_further(shafts, logged)}")
     if verdict == "nothing-found":
@@ -53,13 +55,14 @@ def _further(shafts: bool, logged: Sequence[str]) -> str:
 
 
 def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
-                share: float, met: float = np.inf) -> str:
+                share: float, met: float = np.inf, doubt: str = "") -> str:
     """The verdict for a plant engineer.
 
     codes    what is certain, what it is between, and all that was found, in the order found
     unasked  what explains the record but was not to be looked for
     share    std of the torque's noise over the spread of the torque
     met      rms error of free runs of what was fitted to the whole record
+    doubt    why it may yet be something that is in no catalogue; empty: the torque's noise
     """
     causes, between, found = codes
     words = _and(causes)
@@ -77,6 +80,13 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
         first = f"The record is at fault: {faults}. Beside that the" if faults else "The"
         return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met, share)}."
     if verdict == "undetermined":
+        if doubt:
+            faults, laws = ([c for c in causes if (c in found) == law] for law in (False, True))
+            first = f"The record is at fault: {_and(faults)}. Beside that the" if faults else "The"
+            certain = f"{_and(laws)}, and " if laws else ""
+            maybe = _and([c for c in found if c in between])
+            return (f"{first} simulation lacks {certain}{maybe}, or something in no catalogue that this is part "
+                    f"of: {better}, but {doubt}.")
         either = " or ".join(_said(c) for c in between if c != UNLISTED)
         first = f"The simulation lacks {words or 'something'}{', and one thing more' * bool(causes)}: "
         if UNLISTED in between:

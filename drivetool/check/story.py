@@ -15,16 +15,18 @@ from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions
 from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
+from drivetool.check.hum import hum
 from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
+from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
-from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
+from drivetool.check.sentence import experiment_of, sentence_of
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS
-from drivetool.errors import DriveToolError, Finding
+from drivetool.errors import DriveToolError
 from drivetool.identify.compose import compose
-from drivetool.identify.engine import Outcome
+from drivetool.identify.engine import Outcome, Task, free_run
 from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
@@ -37,9 +39,8 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
-UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
-WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes that are true do not raise it
 SETTLED = 5.0  # log likelihood by which the last fit may still move
+SLOWER = 0.7  # of the rate at which torque noise forgets
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
@@ -100,84 +101,39 @@ def _state(s: Score, decision: Decision) -> State:
 
 def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
-    faults = tuple(dict.fromkeys(f.code for f in search.faults))
-    between = search.found.between
-    causes = (*faults, *[c for c in search.found.causes if c not in between])
-    verdict = _verdict(search, causes)
-    gain = search.total_gain()
-    estimate = estimate_of(search, before, options)
+    gain, estimate = search.total_gain(), estimate_of(search, before, options)
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first)
-    if verdict == "named" and search.found.causes and taken_for_noise(gain, share):
-        verdict, doubted = "undetermined", max(search.found.causes, key=lambda c: search.found.evidence[c])
-        causes, between = tuple(c for c in causes if c != doubted), (doubted, UNLISTED)
-        search.rounds = [_doubting(one, doubted) for one in search.rounds]
-    if search.found.causes and doubtful(search, estimate, gain):
-        verdict = "unexplained"
-        if spoils(gain):
-            search.give_up()
-            gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    task = search.model.task
-    experiment = experiment_of(between, verdict, bool(task.drive.shafts), task.roles.outputs)
-    sentence = sentence_of(verdict, (causes, between, tuple(search.found.causes)), search.unasked, gain, share,
-                           estimate.fit.get("rmse", np.inf))
-    found = (*(f.finding for f in search.faults), *search.notes, *_changing(search))
+    found = judged(search, estimate, gain, share)
+    if search.found.causes and spoils(gain):
+        search.give_up()
+        gain, estimate = search.total_gain(), estimate_of(search, before, options)
+    if UNLISTED in found.between:
+        search.rounds = [_doubting(one, one.cause) if one.cause in found.between else one for one in search.rounds]
+    task, causes = search.model.task, tuple(search.found.causes)
+    hums = hum(search.model, gain.unit) if found.doubt or found.verdict == "unexplained" else []
+    experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
+                               found.doubt)
+    sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
+                           estimate.fit.get("rmse", np.inf), found.doubt)
+    said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *hums)
     if search.change is not None:
-        found = (*found, finding_of(search.change, search.model))
-        if verdict in ("unexplained", "nothing-found") and not search.found.causes:
-            verdict, experiment = "unexplained", found[-1].action
+        said = (*said, finding_of(search.change, search.model))
+        if found.verdict in ("unexplained", "nothing-found") and not causes:
+            found, experiment = replace(found, verdict="unexplained"), said[-1].action
             sentence = told_apart(search.change, search.model)
-    estimate = replace(estimate, findings=(*found, *estimate.findings), outcome=sentence)
+    lost = found.verdict == "unexplained"
     return Diagnosis(
-        estimate, verdict, causes if verdict != "unexplained" else faults,
-        between if verdict == "undetermined" else (), experiment,
+        replace(estimate, findings=(*said, *estimate.findings), outcome=sentence), found.verdict,
+        tuple(dict.fromkeys(f.code for f in search.faults)) if lost else found.causes,
+        found.between if found.verdict == "undetermined" else (), experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
-        tuple(search.found.causes) if verdict == "unexplained" else ())
-
-
-def doubtful(search: Search, estimate: Estimate, gain: Gain) -> bool:
-    """Whether what the causes leave speaks against them: they stand in for a law that is not listed.
-
-    One-step errors that still repeat, halves that ask for other parameters, free runs clearly worse than before.
-    What steps of the logger leave repeats too.
-    """
-    repeats = "innovations-correlated" in {f.code for f in estimate.findings}
-    steps = "quantisation" in {f.code for f in search.faults}
-    return (repeats and not steps) or bool(_changing(search)) or spoils(gain)
-
-
-def spoils(gain: Gain) -> bool:
-    """Whether free runs over data held out are clearly worse with what was found."""
-    worse = gain.held_out_rmse_after - gain.held_out_rmse_before
-    return worse > max(WORSE * gain.held_out_rmse_before, gain.rmse_std)
-
-
-def _changing(search: Search) -> list[Finding]:
-    """What to say where the halves of the records ask for different parameters."""
-    if search.left.time <= UNEXPLAINED:
-        return []
-    return [Finding(
-        "warning", "parameters-change",
-        "The first half of the records asks for other parameters than the second: something changes while it is "
-        "recorded, with temperature or wear, say, or a law is missing that the halves show differently.",
-        {"log_likelihood": float(search.left.time)},
-        "Fit halves by themselves to see which, and record after warming up.")]
+        causes if lost else ())
 
 
 def _doubting(one: Round, code: str) -> Round:
     """A round in which a cause is not named any more."""
     return replace(one, candidates=tuple(
         replace(c, state="possible") if c.code == code and c.state == "named" else c for c in one.candidates))
-
-
-def _verdict(search: Search, causes: Sequence[str]) -> str:
-    if search.unasked or (search.found.causes and not search.confident):
-        return "unexplained"
-    if search.found.between:
-        return "undetermined"
-    # Rounding repeats where the motion is slow: what it leaves is no sign of anything else.
-    if not search.found.causes and search.left.total > UNEXPLAINED and "quantisation" not in causes:
-        return "unexplained"
-    return "named" if causes else "nothing-found"
 
 
 def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
@@ -190,6 +146,9 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
     fit, settled = _fitted(problem, point, model.noise, FEW)
     if not settled:
         fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
+    if _slower(fit.noise, model.noise) and (_run_error(task, problem, fit.point, fit.noise)
+                                            > (1.0 + WORSE) * _run_error(task, problem, point, model.noise)):
+        fit, settled = _fitted(problem, point, model.noise, 1)
     outcome = Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled)
     outcome, least = all_uncrossed(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
@@ -198,6 +157,19 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
         estimate = from_below(estimate, name, low)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
+
+
+def _slower(noise: Noise, before: Noise) -> bool:
+    """Whether the torque noise came to wander much more slowly: single steps may then need no friction any more."""
+    return (noise.memory is not None and before.memory is not None
+            and 1.0 - noise.memory < SLOWER * (1.0 - before.memory))
+
+
+def _run_error(task: Task, problem: Problem, point: Point, noise: Noise) -> float:
+    """Rms error of free runs over the records, from the first output."""
+    _, _, runs = free_run(task.at_point(point), problem.traces, noise, point.starts)
+    errors = [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, problem.traces, strict=True)]
+    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
 
 def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fit, bool]:

@@ -43,8 +43,8 @@ def finding_of(found: CandidateResult, final: Mapping[str, Parameter] = MappingP
     final  parameters of the extended drive, where it has the cause: rounds after its own have moved its size
     """
     if found.code == UNLISTED:
-        return ("Or something that is in no catalogue", "Noise of the torque would otherwise have to be larger "
-                "than it usually is.", "")
+        return ("Or something that is in no catalogue", "What is left is more than the noise that sensors and "
+                "torques usually have.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
     told = [size_of(final.get(p.name, p)) for p in told_sizes(found.code, found.parameters)]

@@ -1,0 +1,100 @@
+"""Lines in the one-step errors: mains, a fan, a structure that rings, whatever the speed of the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.signal import find_peaks
+from scipy.stats import chi2
+
+from drivetool.check.model import Model
+from drivetool.errors import Finding
+from drivetool.identify.noise import filtered
+
+PIECE = 512  # most samples of which a spectrum is made
+FEWEST = 8  # pieces that a record must have
+AROUND = 41  # frequencies over which the errors beside a line are averaged
+CHANCE = 1e-6  # share of spectra without a line in which one would be seen
+BOTH = 1.5  # times what is beside it, that a line must have in the slow half of the pieces and in the fast one
+APART = 1.25  # by which the halves must differ in speed to tell a line from an order
+LEAST = 0.01  # of the errors' variance, below which a line is not worth a word
+MOST = 4  # lines that are named
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line: frequency [Hz], share of the variance of the one-step errors, rms in the unit of the first output."""
+
+    frequency: float
+    share: float
+    rms: float
+
+
+def lines_of(model: Model) -> list[Line]:
+    """The lines in what a model leaves of the first output, the strongest first; none where speed never changes."""
+    errors, speeds, step = _pieces(model)
+    if len(errors) < FEWEST or step is None:
+        return []
+    order = np.argsort(speeds)
+    slow, fast = order[:len(order) // 2], order[len(order) // 2:]
+    if not speeds[fast].mean() > APART * speeds[slow].mean():
+        return []
+    size = errors.shape[1]
+    power = np.abs(np.fft.rfft(errors * np.hanning(size), axis=1))[:, 2:-2] ** 2
+    frequency = np.fft.rfftfreq(size, step)[2:-2]
+    beside = median_filter(power.mean(axis=0), AROUND, mode="nearest")
+    stands = power.mean(axis=0) / beside
+    sure = chi2.isf(CHANCE / len(frequency), 2 * len(power)) / (2 * len(power))
+    steady = np.minimum(power[slow].mean(axis=0), power[fast].mean(axis=0)) / beside
+    found = []
+    for top in find_peaks(stands, height=sure)[0]:
+        low, high = _feet(stands, top)
+        share = float(np.sum(power.mean(axis=0)[low:high] - beside[low:high]) / power.mean(axis=0).sum())
+        if np.max(steady[low:high]) > BOTH and share > LEAST and not any(low <= f < high for f, _ in found):
+            found.append((top, share))
+    spread = float(np.std(errors))
+    lines = [Line(float(frequency[top]), share, spread * share**0.5) for top, share in found]
+    return sorted(lines, key=lambda line: -line.share)[:MOST]
+
+
+def _feet(stands: np.ndarray, top: int) -> tuple[int, int]:
+    """Where a line begins and ends: where it no longer stands out by half."""
+    low = high = top
+    while low > 0 and stands[low - 1] > BOTH:
+        low -= 1
+    while high < len(stands) and stands[high] > BOTH:
+        high += 1
+    return low, high
+
+
+def _pieces(model: Model) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """(pieces, samples) of one-step errors of the first output, (pieces,) mean speeds, the sampling time [s]."""
+    traces = model.problem.traces
+    size = min(PIECE, sum(t.size for t in traces) // FEWEST)
+    errors, speeds = [], []
+    for f in filtered(model.problem, model.point, model.noise):
+        e = f.innovations[1:, 0]
+        for a in range(0, len(e) - size + 1, size) if size >= 2 * AROUND else ():
+            if np.all(np.isfinite(e[a:a + size])):
+                errors.append(e[a:a + size] - e[a:a + size].mean())
+                speeds.append(np.abs(f.states[1 + a:1 + a + size, 0]).mean())
+    step = traces[0].step if len({t.step for t in traces}) == 1 else None
+    return np.array(errors).reshape(len(errors), -1), np.array(speeds), step
+
+
+def hum(model: Model, unit: str) -> list[Finding]:
+    """What to say of the lines in the one-step errors of a model."""
+    lines: Sequence[Line] = lines_of(model)
+    if not lines:
+        return []
+    told = ", ".join(f"{line.frequency:.4g} Hz ({100.0 * line.share:.2g} %, {line.rms:.2g} {unit} rms)"
+                     for line in lines)
+    return [Finding(
+        "note", "one-step-errors-hum",
+        f"What the model leaves of each next sample hums at {told}, however fast the drive is: mains, a fan or a "
+        "structure that rings, not a law of this drive.",
+        {f"share.{line.frequency:.4g}_hz": line.share for line in lines},
+        "Look for it in a record at standstill, with the power stage on and off.")]

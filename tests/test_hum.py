@@ -1,0 +1,67 @@
+"""Lines in the one-step errors: found at their frequency and of their size, and nothing where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.diagnose import base_model
+from drivetool.check.hum import hum, lines_of
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import STEP, drive_like, experiment, linear_record, truth
+from tests.simulator.effects import Effects
+from tests.simulator.machine import machine_by_seed, running
+from tests.simulator.records import white_noise
+from tests.simulator.simulate import simulate
+
+FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness", "shaft.damping")
+MACHINE = machine_by_seed(2)
+SENSOR = 0.002 * MACHINE.rated_torque * 0.25 / sum(MACHINE.inertia)
+
+
+def base_of(record):
+    """The base of a diagnosis of a record, begun at the machine's values."""
+    drive = drive_like(MACHINE, list(FREE))
+    return base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
+
+
+def with_hum(record, frequency, rms):
+    time = STEP * np.arange(len(record.signals["motor_speed"]))
+    wave = np.sqrt(2.0) * rms * np.sin(2.0 * np.pi * frequency * time + 0.3)
+    return replace(record, signals={**record.signals, "motor_speed": record.signals["motor_speed"] + wave})
+
+
+@pytest.mark.parametrize(("frequency", "rms"), [(212.0, 0.5), (437.3, 0.8)])
+def test_a_hum_is_found_at_its_frequency_with_its_size(frequency, rms):
+    model = base_of(with_hum(linear_record(MACHINE, 3, 10.0), frequency, rms * SENSOR))
+    (line,) = lines_of(model)
+    assert line.frequency == pytest.approx(frequency, abs=1.5)
+    assert line.rms == pytest.approx(rms * SENSOR, rel=0.25)  # the filter that foretells leaves most of it
+    (said,) = hum(model, "rad/s")
+    assert said.code == "one-step-errors-hum" and f"{line.frequency:.4g} Hz" in said.text
+
+
+def test_noise_does_not_hum():
+    assert lines_of(base_of(linear_record(MACHINE, 3, 10.0))) == []
+
+
+def test_a_ripple_is_no_hum_where_the_speed_changes():
+    start = running(MACHINE, 20.0)
+    size = 10_000
+    torque = start.torque * (1.0 + 0.3 * (np.arange(size) // 2500 % 2)) + white_noise(size, 0.5, 7)
+    machine = replace(MACHINE, effects=Effects(ripple=(0.05 * MACHINE.rated_torque, 6.0, 0.2)))
+    run = simulate(machine, torque, STEP, start)
+    model = base_of(experiment(torque, run.speeds[:, 0] + white_noise(size, SENSOR, 8)))
+    assert truth(MACHINE)["motor.inertia"] > 0.0 and lines_of(model) == []
+
+
+def test_one_speed_tells_no_hum_from_a_ripple():
+    start = running(MACHINE, 20.0)
+    size = 8000
+    torque = start.torque + white_noise(size, 0.5, 7)
+    run = simulate(MACHINE, torque, STEP, start)
+    record = experiment(torque, run.speeds[:, 0] + white_noise(size, SENSOR, 8))
+    assert lines_of(base_of(with_hum(record, 212.0, SENSOR))) == []
