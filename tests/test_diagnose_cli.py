@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.files import schema, write
 from tests import diagnosed
@@ -262,6 +262,14 @@ def test_pages_of_other_verdicts(folder, asked, call):
     words = " ".join(Page(Path("r.html").read_text()).words)
     assert words.count("one of the possible causes") == 2 and "Sweep the preload." in words
     assert "stiffer the more torque" in words
+    known = replace(made.rounds[0].candidates[0], state="in-the-model", gain=None, parameters=())
+    later = replace(made.rounds[1], candidates=(known, *made.rounds[1].candidates))
+    asked.answer = diagnosed.diagnosis(verdict="undetermined", causes=(), between=("backlash", UNLISTED),
+                                       rounds=(made.rounds[0], later))
+    call(*WORDS, "--report", "r.html", "-q")
+    words = " ".join(Page(Path("r.html").read_text()).words)
+    assert words.count("part of the answer, or all of it") == 1 and "in no catalogue (one of the possible" in words
+    assert "The fit gives shaft.half_gap 0.003220" in words  # by the round that found it
     asked.answer = diagnosed.diagnosis(verdict="unexplained", causes=(), closest=("backlash",))
     call(*WORDS, "-o", "x.yaml", "--report", "r.html", "-q")
     words = " ".join(Page(Path("r.html").read_text()).words)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape as _escape
 from math import isnan
 
-from drivetool.check.diagnosis import Diagnosis, Gain
+from drivetool.check.diagnosis import UNLISTED, Diagnosis, Gain
 from drivetool.files import report_words as words
 from drivetool.files import shapes
 from drivetool.files.report_style import CSS
@@ -71,8 +71,10 @@ def _causes(diagnosis: Diagnosis) -> str:
     final = {p.name: p for p in diagnosis.estimate.parameters}
     for found in words.named_results(diagnosis):
         sure, near = found.code in diagnosis.causes, found.code in diagnosis.closest
-        name, text, look = words.finding_of(found, final if sure or near else {})
-        doubt = "" if sure else " (comes closest)" if near else " (one of the possible causes)"
+        part = UNLISTED in diagnosis.between and found.code != UNLISTED  # in the extended drive, with the others
+        name, text, look = words.finding_of(found, final if sure or near or part else {})
+        doubt = "" if sure else " (comes closest)" if near else " (part of the answer, or all of it)" if part else (
+            " (one of the possible causes)")
         law = f' <span class="small">Law: <code>{escape(found.law)}</code></span>' if found.law else ""
         lines.append(f"<h3>{escape(name)}{doubt}</h3>\n<p>{escape(text)} {escape(look)}{law}</p>")
     if len(lines) == 1:

@@ -83,7 +83,9 @@ def named_results(diagnosis: Diagnosis) -> list[CandidateResult]:
     found = {}
     for one in diagnosis.rounds:
         for each in one.candidates:
-            if each.code == one.cause or each.code in diagnosis.between:
+            # Once it is in the model, later rounds have nothing to say of it.
+            if (each.code == one.cause or each.code in diagnosis.between) and (
+                    each.parameters or each.code not in found):
                 found[each.code] = each
     codes = dict.fromkeys([*diagnosis.causes, *diagnosis.between, *diagnosis.closest])
     return [found.get(code, CandidateResult(code, "", "named")) for code in codes]
