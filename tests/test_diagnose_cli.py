@@ -93,7 +93,8 @@ def test_conditioning_reaches_all_recordings_and_is_noted(folder, asked, call):
     assert sum(f["code"] == "conditioned" for f in content["findings"]) == 2
 
 
-def test_the_file_is_one_that_every_step_takes(folder, asked, call):
+def test_the_file_is_one_that_every_step_takes(folder, asked, call, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     content = yaml.safe_load(Path("x.yaml").read_text())
     jsonschema.validate(content, json.loads(schema.schemas()["parameters.json"]))

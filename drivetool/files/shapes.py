@@ -171,7 +171,8 @@ class DiagnosisSection(Shape):
     sentence: Annotated[str, Meta(description="the verdict in words")] = ""
     causes: Annotated[list[str], Meta(description="in the order found")] = []
     between: Annotated[list[str], Meta(
-        description="causes that explain the record equally well; unlisted: what is in no catalogue")] = []
+        description="causes that explain the record equally well; with unlisted, what is in no catalogue, the "
+        "part of it that has a name")] = []
     closest: Annotated[list[str], Meta(
         description="unexplained: what the extended drive has of the catalogue, maybe for something else")] = []
     experiment: Annotated[str, Meta(description="what would decide, or show a smaller effect")] = ""
