@@ -48,6 +48,9 @@ def test_part_of_an_answer_is_said_as_that():
                            "of the motor (torque-ripple), or something in no catalogue")
     assert text.endswith("to 0.21 rad/s, but 44 % of what could be explained is left.") and UNLISTED not in text
     assert "at other levels" in experiment_of(between, "undetermined", doubt="44 %")
+    text = sentence_of("undetermined", ((), ("backlash", "coulomb-load", UNLISTED), ("backlash",)), "",
+                       gain(27.0, 10.5), 0.01, doubt="44 % is left")
+    assert "lacks backlash (or dry friction at the load (coulomb-load) in place of one of them), or" in text
 
 
 def test_what_was_not_asked_for_is_said():

@@ -48,7 +48,8 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
         found = replace(found, verdict="unexplained")
     if found.verdict == "unexplained" and helped(search, gain):
         left = f"{gain.unexplained_percent:.0f} % of what could be explained is left"
-        return Judgement("undetermined", faults, (*search.found.causes, UNLISTED), left)
+        between = dict.fromkeys((*search.found.causes, *search.found.between, UNLISTED))
+        return Judgement("undetermined", faults, tuple(between), left)
     if found.verdict != "named" or not search.found.causes:
         return found
     if taken_for_noise(gain, share):

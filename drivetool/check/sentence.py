@@ -85,6 +85,8 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
             first = f"The record is at fault: {_and(faults)}. Beside that the" if faults else "The"
             certain = f"{_and(laws)}, and " if laws else ""
             maybe = _and([c for c in found if c in between])
+            rivals = [_said(c) for c in between if c not in found and c != UNLISTED]
+            maybe += f" (or {' or '.join(rivals)} in place of one of them)" if rivals else ""
             return (f"{first} simulation lacks {certain}{maybe}, or something in no catalogue that this is part "
                     f"of: {better}, but {doubt}.")
         either = " or ".join(_said(c) for c in between if c != UNLISTED)
