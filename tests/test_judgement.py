@@ -1,0 +1,66 @@
+"""From what a search found and left to a verdict: when a name is certain, part of an answer, or none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from drivetool.check.decide import Decision
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
+from drivetool.check.found import Found
+from drivetool.check.judgement import SCATTER, judged
+from drivetool.check.remainder import Remainder
+
+REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated"),))
+CLEAN = SimpleNamespace(findings=())
+
+
+def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=()):
+    """A search that found one cause in one round, and what it leaves."""
+    found = Found()
+    found.take(code, Decision(None, (code, *rivals), 50.0), ["x"], gain)
+    line = CandidateResult(code, "", "named", gain, gain_std, 50.0)
+    return SimpleNamespace(
+        unasked="", faults=[], found=found, left=Remainder(left, 0.0, 0.0, time), rounds=[Round(code, (line,))],
+        confident=left <= 0.15 * gain)
+
+
+def gain(before, after, left=0.0, std=0.05):
+    return Gain("rad/s", 1.5, before, after, 90.0, 95.0, std, 0.3, left)
+
+
+def test_what_explains_all_is_named():
+    found = judged(search_with("asymmetric-friction"), CLEAN, gain(1.0, 0.3), 0.001)
+    assert (found.verdict, found.causes, found.between) == ("named", ("asymmetric-friction",), ())
+
+
+@pytest.mark.parametrize("search", [
+    search_with("asymmetric-friction", left=900.0),
+    search_with("asymmetric-friction", time=60.0)])
+@pytest.mark.parametrize(("after", "left", "std", "verdict"), [
+    (0.56, 87.0, 0.15, "undetermined"),  # free runs say that it is there
+    (0.95, 53.0, 0.15, "undetermined"),  # single steps do
+    (0.90, 87.0, 0.15, "unexplained"),
+    (0.65, 87.0, 0.25, "unexplained"),  # as blocks scatter, that is no gain
+    (1.60, 53.0, 0.15, "unexplained")])  # it spoils free runs
+def test_part_of_an_answer_is_neither_a_name_nor_nothing(search, after, left, std, verdict):
+    found = judged(search, REPEATS, gain(1.0, after, left, std), 0.001)
+    assert found.verdict == verdict
+    if verdict == "undetermined":
+        assert found.between == ("asymmetric-friction", UNLISTED) and f"{left:.0f} %" in found.doubt
+
+
+def test_rivals_of_a_part_stay_rivals():
+    search = search_with("quadratic-drag", left=900.0, rivals=("load-step",))
+    found = judged(search, REPEATS, gain(1.0, 0.5, 80.0), 0.001)
+    assert found.between == ("quadratic-drag", "load-step", UNLISTED) and found.causes == ()
+
+
+@pytest.mark.parametrize(("code", "std", "verdict"), [
+    ("torque-ripple", 11.4, "undetermined"), ("torque-ripple", 8.0, "named"), ("load-step", 11.4, "named")])
+def test_a_name_takes_blocks_that_agree_except_on_an_event(code, std, verdict):
+    found = judged(search_with(code, gain=17.9, gain_std=std), CLEAN, gain(1.0, 0.9), 0.001)
+    assert found.verdict == verdict
+    assert found.between == ((code, UNLISTED) if verdict == "undetermined" else ())
+    assert found.doubt == (SCATTER if verdict == "undetermined" else "")
