@@ -301,19 +301,22 @@ class Search:
                   and (place := place_of(s.model)) is not None}
         self.ends = {}  # they lack what is adopted now
         rested = returned(at_rest(best.model, self.masks), self.begun, self.masks)
-        gain, self.trained = best.gain, best.trained
-        more = with_another_order(rested, self.masks) if best.model.code == RIPPLE else None
-        while more is not None:  # as long as data held out agree
-            known = score(more, self.folds)
-            stage = self.gain_between(self.trained, known.trained)
-            if known.gain < gain or stage.held_out_rmse_after > (1.0 + SPOILT) * stage.held_out_rmse_before:
-                break
-            rested, gain, self.trained = more, known.gain, known.trained
-            more = with_another_order(rested, self.masks)
+        self.trained = best.trained
+        rested, gain = self._with_further_orders(rested, best.gain)
         added = [n for n in rested.task.free if n not in before]
         self.found.take(best.model.code, decision, added, gain, places)
         # Across a gap, say, friction of the motor and of the load are no longer the same.
         self.model = with_parts(rested, self.masks)
+
+    def _with_further_orders(self, model: Model, gain: float) -> tuple[Model, float]:
+        """(the model, a ripple with every order that the records ask for and data held out agree to; its gain)."""
+        while model.code == RIPPLE and (more := with_another_order(model, self.masks)) is not None:
+            known = score(more, self.folds)
+            stage = self.gain_between(self.trained, known.trained)
+            if known.gain < gain or stage.held_out_rmse_after > (1.0 + SPOILT) * stage.held_out_rmse_before:
+                break
+            model, gain, self.trained = more, known.gain, known.trained
+        return model, gain
 
     def leave_out(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> None:
         """Take records in place of those of the last model, if there are findings about what they lack."""
