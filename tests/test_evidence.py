@@ -51,6 +51,11 @@ def test_the_lead_counts_for_nothing_where_the_samples_held_out_disagree():
     assert decide([score(200.0, DISAGREES)], 0.01).best is None
 
 
+def test_what_a_search_ended_with_is_decided_on_by_any_name():
+    """Where nothing but the base is left at its end, too."""
+    assert decide([score(200.0, code="base")], 0.01).best.model.code == "base"
+
+
 def test_a_small_lead_behind_a_large_gain_may_be_an_inexact_law():
     assert np.isfinite(surprise(score(25.0), gained=500.0))
     assert surprise(score(25.0), gained=1000.0) == -np.inf

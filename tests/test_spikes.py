@@ -31,6 +31,15 @@ def test_what_a_drive_does_is_no_spike(signal, seed):
     assert len(spikes(y)[0]) == 0
 
 
+def test_a_step_of_the_logger_is_no_spike_and_what_is_far_more_is_one():
+    """Steps of four times the noise on a slope: now and then a single sample lies on another level."""
+    step = 4.0 * NOISE
+    y = 900.0 * step * np.abs((TIME + 0.5) % 2.0 - 1.0) + NOISE * np.random.default_rng(3).standard_normal(SIZE)
+    assert len(spikes(np.round(y / step) * step)[0]) == 0
+    y[[1700, 2600]] += 40.0 * step
+    assert list(spikes(np.round(y / step) * step)[0]) == [1700, 2600]
+
+
 @pytest.mark.parametrize("at", [[700], [700, 702], [700, 703, 1900], [150, 2222, 3800]])
 def test_spikes_are_found_alone_and_in_pairs(at):
     y = np.sin(2.0 * np.pi * TIME) + NOISE * np.random.default_rng(1).standard_normal(SIZE)

@@ -80,7 +80,7 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
     close = [s for s in scores if s is best or ties(s, best, imitates)]
     codes = {s.model.code for s in close}
     nests = {c.code: set(c.nests) for c in CANDIDATES}
-    simple = [s for s in close if not nests[s.model.code] & codes]
+    simple = [s for s in close if not nests.get(s.model.code, set()) & codes]
     best = max(simple, key=lambda s: s.gain)
     return Decision(best, tuple(s.model.code for s in sorted(simple, key=lambda s: -s.gain)), strength)
 

@@ -94,7 +94,7 @@ def hum(model: Model, unit: str) -> list[Finding]:
                      for line in lines)
     return [Finding(
         "note", "one-step-errors-hum",
-        f"What the model leaves of each next sample hums at {told}, however fast the drive is: mains, a fan or a "
-        "structure that rings, not a law of this drive.",
+        f"What the model leaves of each next sample hums at {told}, however fast the drive is: mains, a fan, or a "
+        "part that rings and is not in the model.",
         {f"share.{line.frequency:.4g}_hz": line.share for line in lines},
         "Look for it in a record at standstill, with the power stage on and off.")]

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.check.agreement import agreement, travelled
 from drivetool.check.lateness import lag_of
+from drivetool.check.resolution import resolution
 from drivetool.check.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
@@ -76,18 +77,6 @@ def _quantisation(e: Experiment) -> list[Fault]:
                 "its noise.", {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
                 "Log it with more digits, or log the angle.")))
     return faults
-
-
-def resolution(y: np.ndarray) -> float | None:
-    """The step of which all values are multiples, None if there is none."""
-    values = np.unique(y)
-    if len(values) < 3 or len(values) > 0.5 * len(y):
-        return None
-    gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-9 * max(np.abs(values).max(), 1e-300)]
-    step = float(gaps.min())
-    off = np.abs(gaps / step - np.round(gaps / step))
-    return step if np.all(off < 1e-3 * np.maximum(np.round(gaps / step), 1.0)) else None
 
 
 def _white_variance(y: np.ndarray) -> float:

@@ -10,7 +10,8 @@ from scipy.signal import lfilter
 
 from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Masks, Model, everything, fit, sensor_std, spread
-from drivetool.check.preflight import COARSE, resolution
+from drivetool.check.preflight import COARSE
+from drivetool.check.resolution import resolution
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import filtered, with_state

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.model import Model, sensor_std
+from drivetool.check.resolution import resolution
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
@@ -19,6 +20,7 @@ Places = Mapping[str, Sequence[int]]  # role -> samples of a record
 WINDOW = 5  # samples of the running median
 SPIKE = 8.0  # robust standard deviations that no noise reaches
 ALONE = 0.4  # of the second difference of a spike, from which a sample near it bends too
+STEPS = 1.5  # steps of the logger, up to which a sample that stands out is none
 RARE = 0.02  # share of samples beyond which spikes are not outliers any more
 SURPRISE = 0.6  # of its height, by which a wrong value surprises the model
 IMPOSSIBLE = 5.7  # standard deviations of a one-step error that a sample reaches by chance once in 80 million
@@ -85,7 +87,9 @@ def spikes(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     for side in (1, -1):
         near, past = np.roll(filled, side), [(np.roll(filled, k * side), k - 1) for k in (2, 3)]
         lone &= np.max([np.abs(filled - near - (near - far) / k) for far, k in past], axis=0) > 0.6 * d
-    limit = SPIKE * np.maximum(np.maximum(usual, sigma), smooth / 2.0)
+    # Nor is one step of a logger beside samples that happen to lie on one level.
+    steps = STEPS * (resolution(y[good]) or 0.0)
+    limit = np.maximum(SPIKE * np.maximum(np.maximum(usual, sigma), smooth / 2.0), steps)
     at = np.flatnonzero((d > limit) & lone & alone & good)
     at = at[(at > 0) & (at < len(y) - 1)]
     return at, d[at], max(sigma, smooth / 2.0)

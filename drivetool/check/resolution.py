@@ -1,0 +1,17 @@
+"""The steps in which a channel was logged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def resolution(y: np.ndarray) -> float | None:
+    """The step of which all values are multiples, None if there is none."""
+    values = np.unique(y)
+    if len(values) < 3 or len(values) > 0.5 * len(y):
+        return None
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 1e-9 * max(np.abs(values).max(), 1e-300)]
+    step = float(gaps.min())
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if np.all(off < 1e-3 * np.maximum(np.round(gaps / step), 1.0)) else None
