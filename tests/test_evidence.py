@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
+from drivetool.check import story
+from drivetool.check.candidates import CANDIDATES
 from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import blocks_under_test
 from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
+from drivetool.check.hypothesis import Tried
 from drivetool.check.judgement import doubtful, spoils
 from drivetool.check.rounds import Search
 from drivetool.drive.simulate import Trace
@@ -54,6 +57,20 @@ def test_the_lead_counts_for_nothing_where_the_samples_held_out_disagree():
 def test_what_a_search_ended_with_is_decided_on_by_any_name():
     """Where nothing but the base is left at its end, too."""
     assert decide([score(200.0, code="base")], 0.01).best.model.code == "base"
+
+
+def test_a_cause_that_ran_away_has_a_line_without_values(monkeypatch):
+    def fails(*_):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(story, "values_of", fails)
+    found = score(200.0)
+    found.model.value, found.model.problem = 100.0, SimpleNamespace(traces=(SimpleNamespace(step=1e-3, record=1),))
+    found.model.task.drive = SimpleNamespace(values={})
+    base = SimpleNamespace(value=300.0, problem=found.model.problem)
+    candidate = next(c for c in CANDIDATES if c.code == found.model.code)
+    (line,) = story.results_of([Tried(candidate, (found.model,), {})], [found], decide([found], 0.01), base, 0.0)
+    assert (line.state, line.parameters) == ("named", ()) and line.gain == found.gain
 
 
 def test_a_small_lead_behind_a_large_gain_may_be_an_inexact_law():

@@ -16,7 +16,7 @@ from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hum import hum
-from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
+from drivetool.check.hypothesis import BROKEN, FAST, TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
@@ -27,7 +27,7 @@ from drivetool.drive.effects.load_step import RECORDS
 from drivetool.errors import DriveToolError
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome, Task, free_run
-from drivetool.identify.estimate import Estimate, Exhibit
+from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem
@@ -65,9 +65,17 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         else:
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std,
-                total_evidence([s], gained) / float(np.log(10.0)), sizes, values_of(s.model, base),
+                total_evidence([s], gained) / float(np.log(10.0)), sizes, _told(s.model, base),
                 _only_in(s.model)))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def _told(model: Model, base: Model) -> tuple[Parameter, ...]:
+    """What a cause was fitted to be; nothing of one that ran away in it."""
+    try:
+        return values_of(model, base)
+    except BROKEN:
+        return ()
 
 
 def _only_in(model: Model) -> str:
