@@ -9,8 +9,10 @@ import pytest
 
 from drivetool.check.diagnose import base_model
 from drivetool.check.hum import hum, lines_of
+from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
+from drivetool.logs.experiment import Experiment
 from tests.recover import STEP, drive_like, experiment, linear_record, truth
 from tests.simulator.effects import Effects
 from tests.simulator.machine import machine_by_seed, running
@@ -42,6 +44,23 @@ def test_a_hum_is_found_at_its_frequency_with_its_size(frequency, rms):
     assert line.rms == pytest.approx(rms * SENSOR, rel=0.25)  # the filter that foretells leaves most of it
     (said,) = hum(model, "rad/s")
     assert said.code == "one-step-errors-hum" and f"{line.frequency:.4g} Hz" in said.text
+
+
+def test_a_filter_that_hardly_trusts_the_past_does_not_make_a_hum_larger():
+    """An angle under loud torque noise: what was foretold swings with the hum, and one-step errors twice as far."""
+    rng, size, inertia, noise = np.random.default_rng(4), 12_000, 0.5, 1e-6
+    torque = 0.8 * np.sign(np.sin(2.0 * np.pi * 0.7 * STEP * np.arange(size))) + rng.normal(0.0, 0.05, size)
+    rate = (torque + rng.normal(0.0, 0.5, size)) / inertia
+    speed = np.concatenate(([0.0], np.cumsum(rate[:-1] * STEP)))
+    angle = np.concatenate(([0.0], np.cumsum(speed[:-1] * STEP + 0.5 * rate[:-1] * STEP**2)))
+    wave = np.sqrt(2.0) * 0.7 * noise * np.sin(2.0 * np.pi * 445.0 * STEP * np.arange(size))
+    signals = {"motor_torque": torque, "motor_angle": angle + rng.normal(0.0, noise, size) + wave}
+    record = Experiment("angle", "0" * 64, STEP, 0.0, signals, ((0, size),), torque_is="command")
+    drive = one_body().with_values({"motor.inertia": inertia, "motor.viscous": 1e-4})
+    model = base_model(Task(drive, ("motor.inertia", "motor.viscous"), roles_of([record], drive), (record,)))
+    (line,) = lines_of(model)
+    assert line.frequency == pytest.approx(445.0, abs=1.5)
+    assert line.rms == pytest.approx(0.7 * noise, rel=0.1)
 
 
 def test_noise_does_not_hum():

@@ -16,17 +16,21 @@ from drivetool.identify.noise import filtered
 
 PIECE = 512  # most samples of which a spectrum is made
 FEWEST = 8  # pieces that a record must have
-AROUND = 41  # frequencies over which the errors beside a line are averaged
+AROUND = 41  # frequencies of which the middle one in size is what lies beside a line
 CHANCE = 1e-6  # share of spectra without a line in which one would be seen
 BOTH = 1.5  # times what is beside it, that a line must have in the slow half of the pieces and in the fast one
 APART = 1.25  # by which the halves must differ in speed to tell a line from an order
 LEAST = 0.01  # of the errors' variance, below which a line is not worth a word
 MOST = 4  # lines that are named
+STEEP = 3  # differences of a sensor, after which its motion no longer drowns a line
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line: frequency [Hz], share of the variance of the one-step errors, rms in the unit of the first output."""
+    """A line: frequency [Hz], share of the variance of the one-step errors, rms in the sensor itself.
+
+    The filter that foretells makes one-step errors of a fast line larger than it is in the sensor.
+    """
 
     frequency: float
     share: float
@@ -35,7 +39,7 @@ class Line:
 
 def lines_of(model: Model) -> list[Line]:
     """The lines in what a model leaves of the first output, the strongest first; none where speed never changes."""
-    errors, speeds, step = _pieces(model)
+    errors, outputs, speeds, step = _pieces(model)
     if len(errors) < FEWEST or step is None:
         return []
     order = np.argsort(speeds)
@@ -43,21 +47,30 @@ def lines_of(model: Model) -> list[Line]:
     if not speeds[fast].mean() > APART * speeds[slow].mean():
         return []
     size = errors.shape[1]
-    power = np.abs(np.fft.rfft(errors * np.hanning(size), axis=1))[:, 2:-2] ** 2
+    power = _power(errors)
     frequency = np.fft.rfftfreq(size, step)[2:-2]
     beside = median_filter(power.mean(axis=0), AROUND, mode="nearest")
     stands = power.mean(axis=0) / beside
+    # In the sensor: what of its steep part stands out, as flat as it was before.
+    steep = _power(outputs).mean(axis=0)
+    sensor = (steep - median_filter(steep, AROUND, mode="nearest")) / (
+        2.0 * np.sin(np.pi * frequency * step)) ** (2 * STEEP)
     sure = chi2.isf(CHANCE / len(frequency), 2 * len(power)) / (2 * len(power))
     steady = np.minimum(power[slow].mean(axis=0), power[fast].mean(axis=0)) / beside
-    found = []
+    found, lines = [], []
     for top in find_peaks(stands, height=sure)[0]:
         low, high = _feet(stands, top)
         share = float(np.sum(power.mean(axis=0)[low:high] - beside[low:high]) / power.mean(axis=0).sum())
-        if np.max(steady[low:high]) > BOTH and share > LEAST and not any(low <= f < high for f, _ in found):
-            found.append((top, share))
-    spread = float(np.std(errors))
-    lines = [Line(float(frequency[top]), share, spread * share**0.5) for top, share in found]
+        if np.max(steady[low:high]) > BOTH and share > LEAST and not any(low <= f < high for f in found):
+            found.append(top)
+            lines.append(Line(float(frequency[top]), share, float(max(sensor[low:high].sum(), 0.0)) ** 0.5))
     return sorted(lines, key=lambda line: -line.share)[:MOST]
+
+
+def _power(pieces: np.ndarray) -> np.ndarray:
+    """(pieces, frequencies) parts of the variance of each piece, without the lowest and the highest frequencies."""
+    window = np.hanning(pieces.shape[1])
+    return 2.0 * np.abs(np.fft.rfft(pieces * window, axis=1))[:, 2:-2] ** 2 / (len(window) * np.sum(window**2))
 
 
 def _feet(stands: np.ndarray, top: int) -> tuple[int, int]:
@@ -70,19 +83,23 @@ def _feet(stands: np.ndarray, top: int) -> tuple[int, int]:
     return low, high
 
 
-def _pieces(model: Model) -> tuple[np.ndarray, np.ndarray, float | None]:
-    """(pieces, samples) of one-step errors of the first output, (pieces,) mean speeds, the sampling time [s]."""
+def _pieces(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None]:
+    """One-step errors of the first output, its steep part, mean speeds, and the sampling time [s].
+
+    (pieces, samples) twice, (pieces,); no step where records differ in it
+    """
     traces = model.problem.traces
     size = min(PIECE, sum(t.size for t in traces) // FEWEST)
-    errors, speeds = [], []
-    for f in filtered(model.problem, model.point, model.noise):
-        e = f.innovations[1:, 0]
-        for a in range(0, len(e) - size + 1, size) if size >= 2 * AROUND else ():
-            if np.all(np.isfinite(e[a:a + size])):
-                errors.append(e[a:a + size] - e[a:a + size].mean())
-                speeds.append(np.abs(f.states[1 + a:1 + a + size, 0]).mean())
+    errors, outputs, speeds = [], [], []
+    for f, t in zip(filtered(model.problem, model.point, model.noise), traces, strict=True):
+        for a in range(STEEP, t.size - size + 1, size) if size >= 2 * AROUND else ():
+            e, y = f.innovations[a:a + size, 0], np.diff(t.outputs[a - STEEP:a + size, 0], STEEP)
+            if np.all(np.isfinite(e)) and np.all(np.isfinite(y)):
+                errors.append(e - e.mean())
+                outputs.append(y)
+                speeds.append(np.abs(f.states[a:a + size, 0]).mean())
     step = traces[0].step if len({t.step for t in traces}) == 1 else None
-    return np.array(errors).reshape(len(errors), -1), np.array(speeds), step
+    return *(np.array(p).reshape(len(p), -1) for p in (errors, outputs)), np.array(speeds), step
 
 
 def hum(model: Model, unit: str) -> list[Finding]:
@@ -90,7 +107,7 @@ def hum(model: Model, unit: str) -> list[Finding]:
     lines: Sequence[Line] = lines_of(model)
     if not lines:
         return []
-    told = ", ".join(f"{line.frequency:.4g} Hz ({100.0 * line.share:.2g} %, {line.rms:.2g} {unit} rms)"
+    told = ", ".join(f"{line.frequency:.4g} Hz ({100.0 * line.share:.2g} %; in the sensor {line.rms:.2g} {unit})"
                      for line in lines)
     return [Finding(
         "note", "one-step-errors-hum",

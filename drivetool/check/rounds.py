@@ -330,27 +330,32 @@ class Search:
 
     def _drop_needless(self) -> None:
         """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
-        before, kept, trained = self.model, deepcopy(self.found), self.trained
+        before, kept = self.model, deepcopy(self.found)
         self.model, names = spared(self.model, self.found, self.first.task.drive, self.asked, self.masks,
                                    self.options.error_budget)
-        if self.model is not before and self._runs_away():
-            self.model, self.found, self.trained, names = before, kept, trained, {}
-        self.rounds = [renamed(one, names) for one in self.rounds]
         if self.model is before:
             return
-        with suppress(*BROKEN):  # then the gain, or what was open, of what was found first stands
-            self.trained, self.left = score(self.model, self.folds).trained, remainder(self.model)
+        try:
+            trained = score(self.model, self.folds).trained
+            worse = self._runs_worse(trained)
+        except BROKEN:  # then what single steps say stands, and the gain of what was found first
+            trained, worse = None, False
+        if worse:
+            self.model, self.found = before, kept
+            return
+        self.rounds = [renamed(one, names) for one in self.rounds]
+        if trained is None:
+            return
+        with suppress(*BROKEN):  # then what was open of what was found first stands
+            self.trained, self.left = trained, remainder(self.model)
             for code in self.found.unsure(kept.causes):
                 self._ask_again(code)
 
-    def _runs_away(self) -> bool:
-        """Whether free runs over data held out become worse without what single steps do not need."""
-        try:
-            without = self.gain_between(self.trained, score(self.model, self.folds).trained)
-        except BROKEN:  # then what single steps say stands
-            return False
-        change = without.held_out_rmse_after - without.held_out_rmse_before
-        return change > max(SPOILT * without.held_out_rmse_before, without.rmse_std)
+    def _runs_worse(self, trained: Sequence[Model]) -> bool:
+        """Whether free runs over data held out become worse by models of which single steps are as likely."""
+        change = self.gain_between(self.trained, trained)
+        return (change.held_out_rmse_after - change.held_out_rmse_before
+                > max(SPOILT * change.held_out_rmse_before, change.rmse_std))
 
     def _ask_again(self, code: str) -> None:
         """See what explains the records as well as a cause, where it was found beside one that is gone."""

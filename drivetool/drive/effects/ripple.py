@@ -6,6 +6,12 @@ from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 RIPPLES = ("ripple", "ripple2", "ripple3")  # the orders that a drive may have
+KINDS = {
+    "sine": Quantity("{T}", "torque ripple, sine of the angle", (-1e12, 1e12), 1e-3, 0.0),
+    "cosine": Quantity("{T}", "torque ripple, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
+    "order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
+}
+
 
 def torque(angle, _, time, side, p, out):
     """a sin(n angle) + b cos(n angle); a, b, n = p[0..2]."""
@@ -25,12 +31,6 @@ def stamp(assembly, body):
             parameters = [assembly.of_body(body, f"{ripple}_{what}") for what in KINDS]
             assembly.law("ripple", parameters, assembly.angle_of(body), body=body)
 
-
-KINDS = {
-    "sine": Quantity("{T}", "torque ripple, sine of the angle", (-1e12, 1e12), 1e-3, 0.0),
-    "cosine": Quantity("{T}", "torque ripple, cosine of the angle", (-1e12, 1e12), 1e-3, 0.0),
-    "order": Quantity("1/{q}", "order of the ripple: periods in 2 pi", (1e-6, 1e6), 1e-3, 1.0),
-}
 
 EFFECT = Effect(
     code="torque-ripple",
