@@ -85,6 +85,21 @@ def test_a_gap_that_is_never_crossed_has_no_interval_from_a_grey_box_either(fitt
     assert 0.5 * true < finding.evidence["at_least"] <= true
 
 
+def test_a_record_that_begins_within_a_gap_that_is_never_crossed(fitted):
+    # The start keeps its distance from the side that is met, open or closed: else the load falls through.
+    machine = machine_by_seed(144, gap=0.2)
+    record, run = gap_record(machine, 144)
+    inside = np.flatnonzero(run.contact[:, 0] == 0)
+    opens = inside[np.flatnonzero(np.diff(inside) > 1) + 1]
+    begun = record.between(float(run.time[opens[1] + 3]), float(run.time[-1]))
+    estimate = greybox([begun], fitted(144).drive.with_values({"shaft.half_gap": 0.7 * machine.half_gap[0]}),
+                       Options(free=("shaft.half_gap",)))
+    assert "half-gap-unbounded" in {f.code for f in estimate.findings}
+    lines = {p.name: p for p in estimate.parameters}
+    for name, true in zip(("motor.inertia", "load.inertia"), machine.inertia, strict=True):
+        assert abs(lines[name].value - true) < 4.0 * lines[name].std and lines[name].std < 0.02 * true
+
+
 def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
     # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
     machine, linear = machine_by_seed(237, gap=0.2), fitted(237)

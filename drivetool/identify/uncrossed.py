@@ -12,7 +12,6 @@ from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
-from drivetool.identify.profile import shifted
 from drivetool.identify.results import covariance_of
 from drivetool.identify.search import values_of
 
@@ -84,7 +83,11 @@ def _filled(wide: Outcome, gap: str) -> tuple[float, float] | None:
 def _narrowed(wide: Outcome, gap: str, value: float, task: Task) -> Outcome:
     """The fit with a wide gap, as one of all free parameters at another half gap that is not crossed either."""
     broad = wide.task.at_point(wide.solution.point)
-    starts = tuple(shifted(broad, gap, value, s) for s in wide.solution.point.starts)
+    # Closed or open at the start: its distance from the side that was met stays.
+    column = len(broad.drive.bodies) + broad.drive.shafts.index(gap.rpartition(".")[0])
+    starts = tuple(s.copy() for s in wide.solution.point.starts)
+    for s in starts:
+        s[column] += np.sign(s[column]) * (value - (broad.drive.value(gap) or 0.0))
     whole = replace(broad.at({gap: value}), free=task.free)
     problem, point = whole.problem(), Point(values_of(whole), starts)
     passes = filtered(problem, point, wide.fit.noise)
