@@ -54,6 +54,15 @@ def test_the_lead_counts_for_nothing_where_the_samples_held_out_disagree():
     assert decide([score(200.0, DISAGREES)], 0.01).best is None
 
 
+@pytest.mark.parametrize(("gains", "agreed"), [
+    ([10.1, -1.5, 0.9, 1.7, -1.2, 55.7, 0.9, -0.3], True),  # one block shows most of it, the others agree
+    ([0.2, -0.4, 0.1, 0.3, -0.2, 55.7, 0.1, -0.1], False),  # the others say nothing
+    ([14.0, -9.0, 3.0, 5.0, -7.0, 20.0, 1.0, -2.0], False),  # some speak against it
+    (AGREES, True), (DISAGREES, False)])
+def test_blocks_agree_where_hardly_one_loses_by_what_others_gain(gains, agreed):
+    assert score(200.0, np.array(gains)).agreed == agreed
+
+
 def test_what_a_search_ended_with_is_decided_on_by_any_name():
     """Where nothing but the base is left at its end, too."""
     assert decide([score(200.0, code="base")], 0.01).best.model.code == "base"

@@ -16,11 +16,11 @@ REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated
 CLEAN = SimpleNamespace(findings=())
 
 
-def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=()):
+def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), agreed=False):
     """A search that found one cause in one round, and what it leaves."""
     found = Found()
     found.take(code, Decision(None, (code, *rivals), 50.0), ["x"], gain)
-    line = CandidateResult(code, "", "named", gain, gain_std, 50.0)
+    line = CandidateResult(code, "", "named", gain, gain_std, 50.0, agreed=agreed)
     return SimpleNamespace(
         unasked="", faults=[], found=found, left=Remainder(left, 0.0, 0.0, time), rounds=[Round(code, (line,))],
         confident=left <= 0.15 * gain)
@@ -64,3 +64,8 @@ def test_a_name_takes_blocks_that_agree_except_on_an_event(code, std, verdict):
     assert found.verdict == verdict
     assert found.between == ((code, UNLISTED) if verdict == "undetermined" else ())
     assert found.doubt == (SCATTER if verdict == "undetermined" else "")
+
+
+def test_one_block_that_shows_a_law_far_better_than_the_others_is_no_doubt():
+    search = search_with("hardening-stiffness", gain=66.3, gain_std=55.1, agreed=True)
+    assert judged(search, CLEAN, gain(1.0, 0.9), 0.001).verdict == "named"
