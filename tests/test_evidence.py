@@ -54,13 +54,14 @@ def test_the_lead_counts_for_nothing_where_the_samples_held_out_disagree():
     assert decide([score(200.0, DISAGREES)], 0.01).best is None
 
 
-@pytest.mark.parametrize(("gains", "agreed"), [
+@pytest.mark.parametrize(("gains", "sure"), [
     ([10.1, -1.5, 0.9, 1.7, -1.2, 55.7, 0.9, -0.3], True),  # one block shows most of it, the others agree
     ([0.2, -0.4, 0.1, 0.3, -0.2, 55.7, 0.1, -0.1], False),  # the others say nothing
     ([14.0, -9.0, 3.0, 5.0, -7.0, 20.0, 1.0, -2.0], False),  # some speak against it
+    ([30.0, 40.0, -9.0, 35.0, 45.0, 25.0, 50.0, 20.0], True),  # by the standard error
     (AGREES, True), (DISAGREES, False)])
-def test_blocks_agree_where_hardly_one_loses_by_what_others_gain(gains, agreed):
-    assert score(200.0, np.array(gains)).agreed == agreed
+def test_blocks_are_sure_where_hardly_one_loses_by_what_others_gain(gains, sure):
+    assert score(200.0, np.array(gains)).sure == sure
 
 
 def test_what_a_search_ended_with_is_decided_on_by_any_name():
@@ -219,9 +220,9 @@ def test_what_looks_like_a_cause_is_tried_unless_the_record_rules_it_out(possibl
         asked.extend(c.code for c in among)
         return [score(1.0, code=c.code) for c in among]
 
-    search = SimpleNamespace(possible=possible, _judge=list, _attempt=attempted)
+    search = SimpleNamespace(possible=possible, judged=list, attempts=attempted)
     tried = [SimpleNamespace(candidate=SimpleNamespace(code="converter-lag"))]
-    scores = Search._with_doubles(search, tried, [score(20.0)], Decision(None, ("converter-lag",), 9.0))
+    scores = Search.with_doubles(search, tried, [score(20.0)], Decision(None, ("converter-lag",), 9.0))
     assert set(asked) == expected and len(scores) == 1 + len(expected)
 
 

@@ -10,8 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from drivetool.check.hypothesis import BROKEN, TRIFLE, Tried
-from drivetool.check.model import Masks, Model, at_rest, from_start
+from drivetool.check.model import Masks, Model, at_rest, fit, from_start
 from drivetool.identify.cooling import BOX, SHAPE
+from drivetool.identify.noise import Noise, fit_ratio
+from drivetool.identify.setup import first_point
 
 
 def strayed(base: Model, begun: Mapping[str, float], far: float = BOX) -> bool:
@@ -43,6 +45,25 @@ def returned(model: Model, begun: Mapping[str, float], masks: Masks) -> Model:
     except BROKEN:
         return model
     return replace(trial, code=model.code) if trial.value < model.value - TRIFLE else model
+
+
+def beside_gap(tried: Tried, begun: Mapping[str, float], masks: Masks) -> Tried:
+    """A cause beside a gap, or the same laws fitted from the values that the base was once started from.
+
+    The likelier one. While a law is missing contacts come at wrong times, and all else bends to make up for it:
+    not far from the start, but into another valley.
+    """
+    model = tried.model
+    if model is None or not begun or not any(n.endswith(".half_gap") for n in model.task.free):
+        return tried
+    task = model.fitted.at({n: begun[n] for n in model.task.free if n in begun})
+    try:
+        point = first_point(task.drive, model.problem, task.roles)
+        noise = fit_ratio(model.problem, point, Noise(1.0, None, model.problem.scale))
+        trial = at_rest(fit(model.code, task, model.problem, point, noise, masks), masks)
+    except BROKEN:
+        return tried
+    return replace(tried, models=(trial, *tried.models)) if trial.value < model.value - TRIFLE else tried
 
 
 def likelier(found: Tried, further: Tried, base: Model) -> Tried:

@@ -41,7 +41,7 @@ class CandidateResult:
     smallest   smallest size that this record would have shown, by parameter, in its unit; None: unknown
     parameters its values on the whole record, with intervals
     reason     in words: why there is no gain to state, or where it was seen
-    agreed     whether blocks of data held out agree that there is a gain, the best of them aside
+    sure       whether blocks of data held out tell that there is a gain
     """
 
     code: str
@@ -53,7 +53,7 @@ class CandidateResult:
     smallest: Mapping[str, float] = field(default_factory=dict)
     parameters: tuple[Parameter, ...] = ()
     reason: str = ""
-    agreed: bool = False
+    sure: bool = True
 
 
 @dataclass(frozen=True)

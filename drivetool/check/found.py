@@ -21,6 +21,7 @@ class Found:
     added     cause -> names of the parameters that it freed
     places    cause -> of each that tied with it, the order or instant that it was searched for, if any
     gained    log likelihood by all of them on data held out
+    sure      causes that data held out tell beside those that were found after them
     """
 
     causes: list[str] = field(default_factory=list)
@@ -30,6 +31,7 @@ class Found:
     added: dict[str, tuple[str, ...]] = field(default_factory=dict)
     places: dict[str, Mapping[str, float]] = field(default_factory=dict)
     gained: float = 0.0
+    sure: set[str] = field(default_factory=set)
 
     def take(self, code: str, decision: Decision, added: Sequence[str], gain: float,
              places: Mapping[str, float] = MappingProxyType({})) -> None:

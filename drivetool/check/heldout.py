@@ -26,7 +26,7 @@ LOOKED = 1e5  # things that a search looks at and that a record can tell apart, 
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 ALONE = 0.75  # of what a cause gains, that may lie in one block
 LOUDER = 1.5  # of the likeliest torque noise, from which that of the restricted likelihood counts
-AGREED = 2.0  # times what blocks lose, that the others must gain
+SURELY = 2.0  # standard errors of a gain on data held out, or times what blocks lose by it that the others gain
 LITTLE = 4.0  # log likelihood that they must gain, whatever none of them loses
 BAD = 20.0  # log likelihood that a block loses, from which what is not known of the parameters is allowed for
 COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
@@ -63,8 +63,8 @@ class Score:
         return float(np.sqrt(len(self.gains)) * np.std(self.gains, ddof=1)) if len(self.gains) > 1 else np.inf
 
     @property
-    def agreed(self) -> bool:
-        """Whether the blocks agree that there is a gain, also without the one that gains most.
+    def sure(self) -> bool:
+        """Whether blocks tell that there is a gain by two standard errors, or agree on it without the best of them.
 
         A law shows where the motion asks for it: that one block gains far more than the others scatters, but is no
         doubt. A block that loses is.
@@ -72,7 +72,7 @@ class Score:
         rest = np.sort(self.gains)[:-1]
         # The standard error of the sum by one half of the scatter only, of which blocks that gain say nothing.
         lost = np.sqrt(2.0 * np.sum(np.minimum(rest, 0.0) ** 2))
-        return bool(rest.sum() > max(AGREED * lost, LITTLE))
+        return bool(self.gain >= SURELY * self.gain_std or rest.sum() > max(SURELY * lost, LITTLE))
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def hardly_told(search: Search) -> list[str]:
     """The causes of which the blocks held out hardly agree that they are there at all, events aside."""
     return [c.code for one in search.rounds for c in one.candidates
             if c.code == one.cause and c.code in search.found.causes and c.code not in EVENTS
-            and c.gain_std and c.gain < SURELY * c.gain_std and not c.agreed]
+            and not c.sure and c.code not in search.found.sure]
 
 
 def spoils(gain: Gain) -> bool:

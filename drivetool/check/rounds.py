@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.afresh import at_start, likelier, returned, strayed
+from drivetool.check.afresh import at_start, beside_gap, likelier, returned, strayed
+from drivetool.check.afterwards import SPOILT, doubts_again, drop_needless
 from drivetool.check.between_records import Change, change_between
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
@@ -23,7 +22,6 @@ from drivetool.check.further_orders import with_another_order
 from drivetool.check.further_steps import with_further_steps
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
-    BROKEN,
     TRIFLE,
     Tried,
     also,
@@ -36,7 +34,7 @@ from drivetool.check.hypothesis import (
 )
 from drivetool.check.imitation import imitates
 from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
-from drivetool.check.needless import NESTED, renamed, spared, without_them
+from drivetool.check.needless import NESTED
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, remainder
@@ -53,7 +51,6 @@ REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
 LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
-SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
 DOUBLED = 2.0  # of that error, beyond twice its scatter, from which it is no law, however likely steps become
 RUINED = 10.0  # the same, whatever its scatter
 AGAINST = "free runs over data held out become worse with it"
@@ -98,17 +95,17 @@ class Search:
         """All rounds, until nothing more is found."""
         for number in range(len(self.rounds), self.options.rounds + 1):
             budget = self.options.error_budget * 0.5 ** (number + 1)
-            tried = self._attempt()
+            tried = self.attempts()
             if number == 0 and strayed(self.model, self.begun):
                 tried = self._afresh(tried)
             if self._improve(tried):
-                tried = self._attempt({t.candidate.code: t for t in tried})
-            scores = self._judge(tried)
+                tried = self.attempts({t.candidate.code: t for t in tried})
+            scores = self.judged(tried)
             decision = decide(scores, budget, self.found.gained, imitates)
             if decision.best is not None:
                 scores = self._doubted(scores, decision.best)
                 decision = decide(scores, budget, self.found.gained, imitates)
-                scores = self._with_doubles(tried, scores, decision)
+                scores = self.with_doubles(tried, scores, decision)
                 decision = decide(scores, budget, self.found.gained, imitates)
             decision, stage, against = self._foretelling(decision, scores, budget)
             last = number == self.options.rounds
@@ -126,16 +123,17 @@ class Search:
             if stage is None:
                 break
             self.stand_on(self.model)
-        self._drop_needless()
+        drop_needless(self)
+        doubts_again(self)
         self.change = change_between(self.model, self.folds)
         return self
 
-    def _with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
+    def with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
         """The scores, and those of causes that look like the ones decided for but were not to be looked for."""
         unseen = (mistaken_for(decision.between) & self.possible) - {t.candidate.code for t in tried}
         if not unseen:
             return list(scores)
-        return [*scores, *self._judge(self._attempt(among=[c for c in CANDIDATES if c.code in unseen]))]
+        return [*scores, *self.judged(self.attempts(among=[c for c in CANDIDATES if c.code in unseen]))]
 
     def _afresh(self, tried: Sequence[Tried]) -> list[Tried]:
         """The causes, those that are likelier so from the values that the base was once started from.
@@ -143,7 +141,7 @@ class Search:
         First under the torque noise that the base has there, which may be so loud that it bends again what is
         fitted; then, where they ended bent, once more under the noise that they have themselves.
         """
-        again = self._attempt(stand=at_start(self.model, self.begun, self.masks))
+        again = self.attempts(stand=at_start(self.model, self.begun, self.masks))
         tried = [likelier(one, other, self.model) for one, other in zip(tried, again, strict=True)]
         likely = [t for t in self._likely(tried) if t.absent is None]
         with ThreadPoolExecutor(WORKERS) as pool:
@@ -152,7 +150,7 @@ class Search:
                 for t, m in zip(likely, models, strict=True)}
         return [back.get(t.candidate.code, t) for t in tried]
 
-    def _attempt(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = (),
+    def attempts(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = (),
                  stand: Model | None = None) -> list[Tried]:
         """Every cause on top of the base; those that have a chance after a few steps are fitted to the end.
 
@@ -160,14 +158,15 @@ class Search:
         stand  what they are put on top of; None: the base
         """
         before, among, stand = before or {}, among or self.candidates, stand or self.model
+        begun = self.begun if self.found.causes else {}
         with ThreadPoolExecutor(WORKERS) as pool:
-            tried = list(counted(f"round {len(self.rounds) + 1}: causes tried", pool.map(
-                lambda c: attempt(c, stand, self.masks, before.get(c.code)), among), len(among)))
-            tried = [also(t, self.ends.get(t.candidate.code)) for t in tried]
+            tried = [also(t, self.ends.get(t.candidate.code)) for t in counted(
+                f"round {len(self.rounds) + 1}: causes tried", pool.map(
+                    lambda c: attempt(c, stand, self.masks, before.get(c.code)), among), len(among))]
             likely = self._likely(tried, promised=True, over=stand)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted", pool.map(
-                lambda t: with_further_steps(polished(t, self.masks, stand), stand, self.masks), likely),
-                len(likely))
+                lambda t: with_further_steps(beside_gap(
+                    polished(t, self.masks, stand), begun, self.masks), stand, self.masks), likely), len(likely))
             ends = self._with_special_cases(fitted)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))
@@ -233,7 +232,7 @@ class Search:
             lower.append(max(fold.best - reached, 0.0) if np.isfinite(reached) else 0.0)
         return [replace(s, evidence=tuple(e - d for e, d in zip(s.evidence, lower, strict=True))) for s in scores]
 
-    def _judge(self, tried: Sequence[Tried]) -> list[Score]:
+    def judged(self, tried: Sequence[Tried]) -> list[Score]:
         """Held-out scores of the likeliest causes."""
         likely = [t for t in self._likely(tried) if t.absent is None]
         least = min(f.value for f in (self.model, *self.bases))
@@ -327,50 +326,6 @@ class Search:
         task = replace(self.model.task, experiments=tuple(experiments))
         traces = traces_of(experiments, task.roles)
         self.model = replace(self.model, task=task, problem=replace(self.model.problem, traces=traces))
-
-    def _drop_needless(self) -> None:
-        """Take out what an earlier round put in and a later one has made needless, or a special case of it."""
-        before, kept = self.model, deepcopy(self.found)
-        self.model, names = spared(self.model, self.found, self.first.task.drive, self.asked, self.masks,
-                                   self.options.error_budget)
-        if self.model is before:
-            return
-        try:
-            trained = score(self.model, self.folds).trained
-            worse = self._runs_worse(trained)
-        except BROKEN:  # then what single steps say stands, and the gain of what was found first
-            trained, worse = None, False
-        if worse:
-            self.model, self.found = before, kept
-            return
-        self.rounds = [renamed(one, names) for one in self.rounds]
-        if trained is None:
-            return
-        with suppress(*BROKEN):  # then what was open of what was found first stands
-            self.trained, self.left = trained, remainder(self.model)
-            for code in self.found.unsure(kept.causes):
-                self._ask_again(code)
-
-    def _runs_worse(self, trained: Sequence[Model]) -> bool:
-        """Whether free runs over data held out become worse by models of which single steps are as likely."""
-        change = self.gain_between(self.trained, trained)
-        return (change.held_out_rmse_after - change.held_out_rmse_before
-                > max(SPOILT * change.held_out_rmse_before, change.rmse_std))
-
-    def _ask_again(self, code: str) -> None:
-        """See what explains the records as well as a cause, where it was found beside one that is gone."""
-        model, bases, folds = self.model, self.bases, self.folds
-        try:
-            self.stand_on(without_them(model, self.found.added[code], self.first.task.drive, self.masks))
-            self.ends = {code: model}
-            tried = self._attempt()
-            scores = self._judge(tried)
-            decision = decide(scores, self.options.error_budget, 0.0, imitates)
-            decision = decide(self._with_doubles(tried, scores, decision), self.options.error_budget, 0.0, imitates)
-        finally:
-            self.model, self.bases, self.folds, self.ends = model, bases, folds, {}
-        if decision.best is not None:
-            self.found.reopen(code, decision.between)
 
     def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
         """The gain in free runs over held-out blocks."""

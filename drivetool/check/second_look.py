@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.afresh import at_start, strayed
+from drivetool.check.afterwards import SPOILT
 from drivetool.check.candidates import torque_size
 from drivetool.check.decide import Decision, decide
 from drivetool.check.descents import GAP, descended, gap_alone, with_gap
@@ -18,7 +19,7 @@ from drivetool.check.heldout import lead_in_blocks, score
 from drivetool.check.hypothesis import BROKEN
 from drivetool.check.model import Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
-from drivetool.check.rounds import SPOILT, Search
+from drivetool.check.rounds import Search
 from drivetool.check.sentence import taken_for_noise
 
 MOST = 2  # bodies: with three, descents take minutes

@@ -66,7 +66,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std,
                 total_evidence([s], gained) / float(np.log(10.0)), sizes, _told(s.model, base),
-                _only_in(s.model), s.agreed))
+                _only_in(s.model), s.sure))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
