@@ -60,6 +60,20 @@ def test_the_load_goes_as_far_as_the_motor_through_the_gear(kinds, factor, code,
     np.testing.assert_allclose(mended.signals[role] * evidence["factor"], record.signals[role], rtol=1e-12)
 
 
+@pytest.mark.parametrize("upside_down", ["motor_speed", "motor_angle", "load_speed"])
+def test_of_two_channels_of_opposite_signs_the_torque_tells_which_is_wrong(upside_down):
+    record = recorded(20, ("speed", "speed"))
+    speed = record.signals["motor_speed"]
+    if upside_down == "motor_angle":
+        angle = STEP * (np.cumsum(speed) - 0.5 * speed)
+        record = replace(record, signals={**record.signals, "motor_angle": angle})
+    wrong = replace(record, signals={**record.signals, upside_down: -record.signals[upside_down]})
+    (mended,), faults = preflight([wrong], WANTED, RATIO)
+    assert {f.code for f in faults} == {"wrong-sign"}
+    for role in ("motor_speed", upside_down):
+        np.testing.assert_allclose(mended.signals[role], record.signals[role], rtol=5e-3)
+
+
 @pytest.mark.parametrize("seed", [21, 24])
 def test_half_a_per_cent_is_told_where_the_shaft_hardly_twists(seed):
     record = recorded(seed, ("angle", "angle"), 0.995)

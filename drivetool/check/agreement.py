@@ -55,6 +55,35 @@ def _rates(y: np.ndarray, role: str, step: float, length: int) -> np.ndarray:
     return (0.5 * (y[:-1] + y[1:]))[:n * length].reshape(n, length).mean(axis=1)
 
 
+def pushed(signals: Mapping[str, np.ndarray], role: str, step: float, segments: Sequence[tuple[int, int]]) -> float:
+    """Standard errors by which a motion gains speed under the motor torque; below zero it is upside down.
+
+    Over the windows that tell most; the speed itself takes up what friction does. nan where nothing is told.
+    """
+    found = [np.nan]
+    for length in {max(2, round(window / step)) for window in WINDOWS}:
+        rows = []
+        for a, b in segments:
+            rate = _rates(signals[role][a:b], role, step, length)
+            torque = signals["motor_torque"][a:a + len(rate) * length].reshape(-1, length).mean(axis=1)
+            pair = np.column_stack([torque, rate])
+            rows.append(np.column_stack([pair[:-1] + pair[1:], np.ones(max(len(rate) - 1, 0)), np.diff(rate)]))
+        rows = np.concatenate(rows)
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows) >= FEW:
+            found.append(_t_value(rows[:, :-1], rows[:, -1]))
+    return float(max(found, key=lambda t: np.nan_to_num(abs(t))))
+
+
+def _t_value(known: np.ndarray, y: np.ndarray) -> float:
+    """Coefficient of the first column in y over its standard error."""
+    size = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
+    inverse = np.linalg.pinv((known / size).T @ (known / size), rcond=1e-12, hermitian=True)
+    slope = inverse @ ((known / size).T @ y)
+    left = float(np.sum((y - (known / size) @ slope) ** 2)) / max(len(y) - known.shape[1], 1)
+    return float(slope[0] / np.sqrt(max(left * inverse[0, 0], 1e-300)))
+
+
 def travelled(signals: Mapping[str, np.ndarray], one: str, other: str, step: float,
               segments: Sequence[tuple[int, int]]) -> tuple[float, float]:
     """(slope, its standard error) of the way of a channel over that of another; nan where nothing is told.

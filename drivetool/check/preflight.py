@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from drivetool.check.agreement import agreement, travelled
+from drivetool.check.agreement import agreement, pushed, travelled
 from drivetool.check.lateness import lag_of
 from drivetool.check.resolution import resolution
 from drivetool.check.spikes import OUTPUTS, without_outliers
@@ -91,7 +91,7 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         speed, angle = f"{body}_speed", f"{body}_angle"
         if speed not in signals or angle not in signals:
             continue
-        factor, error = agreement(signals, angle, speed, e.step, e.segments)
+        factor, error = _plain(*agreement(signals, angle, speed, e.step, e.segments))
         code = _code(factor, error, wanted)
         if code is None:
             continue
@@ -100,7 +100,10 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
             f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle.",
             {"factor": float(factor), "std": float(error)},
             "Correct sign, unit or scale of one of the two in the channel map.")))
-        # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right.
+        # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right. Which of two
+        # signs is wrong the torque tells.
+        if factor < 0.0 and pushed(signals, speed, e.step, e.segments) > SURE:
+            signals[angle], factor = -signals[angle], -factor
         signals[speed] = signals[speed] / factor
     return replace(e, signals=signals), faults
 
@@ -113,9 +116,15 @@ def _ends(e: Experiment, wanted: Sequence[str], turns: float) -> tuple[Experimen
     here, there = of_both_ends(e)
     if not here or not there:
         return e, []
-    factor, error = (turns * each for each in travelled(e.signals, here[0], there[0], e.step, e.segments))
+    factor, error = _plain(*(turns * each for each in travelled(
+        e.signals, here[0], there[0], e.step, e.segments)))
     code = _code(factor, error, wanted)
-    return (e, []) if code is None else (load_over(e, factor), [load_fault(e, code, factor, error, turns)])
+    if code is None:
+        return e, []
+    fault = load_fault(e, code, factor, error, turns)
+    if factor < 0.0 and pushed(e.signals, here[0], e.step, e.segments) < -SURE:  # the motor's sign is the wrong one
+        e, factor = over(e, here, -1.0), -factor
+    return load_over(e, factor), [fault]
 
 
 def of_both_ends(e: Experiment) -> tuple[list[str], list[str]]:
@@ -125,9 +134,14 @@ def of_both_ends(e: Experiment) -> tuple[list[str], list[str]]:
     return here, there
 
 
+def over(e: Experiment, roles: Sequence[str], factor: float) -> Experiment:
+    """The record with some channels divided by a factor."""
+    return replace(e, signals={**e.signals, **{role: e.signals[role] / factor for role in roles}})
+
+
 def load_over(e: Experiment, factor: float) -> Experiment:
     """The record with the motion of its load divided by a factor."""
-    return replace(e, signals={**e.signals, **{role: e.signals[role] / factor for role in of_both_ends(e)[1]}})
+    return over(e, of_both_ends(e)[1], factor)
 
 
 def load_fault(e: Experiment, code: str, factor: float, error: float, gear: float) -> Fault:
@@ -151,6 +165,11 @@ def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
         f"{e.name}: the logged motor speed comes {1000.0 * late.lag:.3g} ms after the rate of the logged motor "
         "angle, as behind a low-pass.", {"lag": late.lag, "std": late.std},
         "Log the speed before its filter, or take the angle."))]
+
+
+def _plain(factor: float, error: float) -> tuple[float, float]:
+    """A factor and its standard error, minus one where it is not to be told from that: a sign has no scale."""
+    return (-1.0 if abs(factor + 1.0) < max(SCALE, SURE * error) else factor), error
 
 
 def _code(factor: float, error: float, wanted: Sequence[str]) -> str | None:
