@@ -21,6 +21,7 @@ from drivetool.check.model import Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
 from drivetool.check.rounds import Search
 from drivetool.check.sentence import taken_for_noise
+from drivetool.check.story import told
 
 MOST = 2  # bodies: with three, descents take minutes
 LOUD = 1.5  # sensor noises of error in free runs, from which an unlikely torque noise is looked at again
@@ -127,7 +128,8 @@ def _begin_with_gap(search: Search, beside: Ends, first: Round) -> None:
     stage = search.gain_between(search.trained, found.trained)
     lines = [_turned_down(c) for c in first.candidates if c.code != GAP]
     law = next((c.law for c in first.candidates if c.code == GAP), "")
-    own = CandidateResult(GAP, law, "named", reason=TOGETHER)  # what it gains by itself says nothing
+    # What it gains by itself says nothing.
+    own = CandidateResult(GAP, law, "named", parameters=told(gap, search.origin), reason=TOGETHER)
     search.rounds.append(Round(GAP, (own, *lines), stage))
     added = [n for n in gap.task.free if n not in search.model.task.free]
     search.found.take(GAP, Decision(found, (GAP,), 0.0), added, max(found.gain, 0.0))

@@ -65,12 +65,12 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
         else:
             lines.append(CandidateResult(
                 *common, _state(s, decision), s.gain, s.gain_std,
-                total_evidence([s], gained) / float(np.log(10.0)), sizes, _told(s.model, base),
+                total_evidence([s], gained) / float(np.log(10.0)), sizes, told(s.model, base),
                 _only_in(s.model), s.sure))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
-def _told(model: Model, base: Model) -> tuple[Parameter, ...]:
+def told(model: Model, base: Model) -> tuple[Parameter, ...]:
     """What a cause was fitted to be; nothing of one that ran away in it."""
     try:
         return values_of(model, base)

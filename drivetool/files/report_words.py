@@ -50,7 +50,8 @@ def finding_of(found: CandidateResult, final: Mapping[str, Parameter] = MappingP
     told = [size_of(final.get(p.name, p)) for p in told_sizes(found.code, found.parameters)]
     size = f" The fit gives {', '.join(told)}." if told else ""
     text = cause.text if cause else f"The model lacks {found.law or found.code}."
-    where = f" {found.reason}" if found.reason and found.state in ("named", "possible") else ""
+    where = found.reason.rstrip(".") if found.state in ("named", "possible") else ""
+    where = f" {where[0].upper()}{where[1:]}." if where else ""
     return name[0].upper() + name[1:], text + size + where, cause.look if cause else ""
 
 
