@@ -75,19 +75,26 @@ def present(base: Model, name: str) -> bool:
     return name in base.task.free or drive.value(name) not in (None, drive.quantity(name).neutral)
 
 
-def torque_size(base: Model) -> float:
-    """Spread of the motor torque."""
-    return float(np.std(np.concatenate([t.inputs[:, 0] for t in base.problem.traces])))
+def torque_size(base: Model, owner: str = "") -> float:
+    """Spread of the motor torque, or of what the gears make of it at a body or in a shaft."""
+    return turns(base, owner) * float(np.std(np.concatenate([t.inputs[:, 0] for t in base.problem.traces])))
 
 
-def motion(base: Model) -> tuple[float, float]:
-    """(fastest speed, 98 % quantile; length of the longest record [s])."""
+def turns(base: Model, owner: str = "") -> float:
+    """Of the motor for one of a body, or of the end of a shaft that has its stiffness; one without a name."""
+    drive = base.task.drive
+    at = drive.shafts.index(owner) + 1 if owner in drive.shafts else drive.bodies.index(owner) if owner else 0
+    return abs(drive.turns()[at])
+
+
+def motion(base: Model, body: str = "") -> tuple[float, float]:
+    """(fastest speed of the motor, 98 % quantile, or of a body behind its gears; longest record [s])."""
     speeds = []
     for t in base.problem.traces:
         y = t.outputs[:, 0]
         y = np.interp(np.arange(len(y)), np.flatnonzero(np.isfinite(y)), y[np.isfinite(y)])
         speeds.append(np.abs(np.gradient(y, t.step) if base.task.roles.outputs[0].endswith("angle") else y))
-    return (float(np.quantile(np.concatenate(speeds), 0.98)),
+    return (float(np.quantile(np.concatenate(speeds), 0.98)) / turns(base, body),
             max(t.size * t.step for t in base.problem.traces))
 
 
@@ -113,7 +120,7 @@ def _backlash(base: Model) -> list[Start]:
     for shaft in base.task.drive.shafts:
         name = f"{shaft}.half_gap"
         if not present(base, name):
-            found += [added(base, {name: value}, ()) for value in half_gaps(base, name, torque_size(base))]
+            found += [added(base, {name: value}, ()) for value in half_gaps(base, name, torque_size(base, shaft))]
     return found
 
 
@@ -123,8 +130,8 @@ def _coulomb(at: int) -> Callable[[Model], list[Start]]:
         name = f"{bodies[at]}.coulomb"
         if (at == -1 and len(bodies) == 1) or present(base, name):
             return []
-        return [added(base, {name: 1e-6 * torque_size(base)}, (name,)),
-                added(base, {name: 0.03 * torque_size(base)}, ())]
+        size = torque_size(base, bodies[at])
+        return [added(base, {name: 1e-6 * size}, (name,)), added(base, {name: 0.03 * size}, ())]
     return starts
 
 
@@ -134,9 +141,9 @@ def _stribeck(at: int) -> Callable[[Model], list[Start]]:
         body = bodies[at]
         if (at == -1 and len(bodies) == 1) or present(base, f"{body}.stribeck"):
             return []
-        size, found = torque_size(base), []
+        size, found = torque_size(base, body), []
         for share in SLOW:
-            values = {f"{body}.stribeck": 1e-6 * size, f"{body}.stribeck_speed": share * motion(base)[0]}
+            values = {f"{body}.stribeck": 1e-6 * size, f"{body}.stribeck_speed": share * motion(base, body)[0]}
             if not present(base, f"{body}.coulomb"):
                 values[f"{body}.coulomb"] = 1e-6 * size
             found.append(added(base, values, [n for n in values if not n.endswith("speed")]))
@@ -159,7 +166,7 @@ def _hardening(base: Model) -> list[Start]:
     for shaft in drive.shafts:
         if present(base, f"{shaft}.hardening"):
             continue
-        twist = 2.0 * torque_size(base) / drive.value(f"{shaft}.stiffness")
+        twist = 2.0 * torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
         for power in (2.0, 1.0):
             names = {f"{shaft}.hardening": 0.0, f"{shaft}.hardening_twist": twist,
                      f"{shaft}.hardening_power": power}
@@ -267,7 +274,7 @@ def _lag(owner: str, role: str) -> Callable[[Model], list[Start]]:
 def _hardly_open(base: Model) -> Start:
     """A gap of a hundredth of the twist that the torque makes."""
     shaft = base.task.drive.shafts[0]
-    twist = torque_size(base) / base.fitted.drive.value(f"{shaft}.stiffness")
+    twist = torque_size(base, shaft) / base.fitted.drive.value(f"{shaft}.stiffness")
     return added(base, {f"{shaft}.half_gap": 0.01 * twist}, ())
 
 

@@ -72,7 +72,7 @@ def with_gap(stand: Model, gap: Model) -> Model:
 
 def _seeded(start: Start, base: Model) -> Task:
     """The task of a start, dry friction at a size that a descent can move."""
-    return start.task.at({n: SOME * torque_size(base) for n in start.amplitudes
+    return start.task.at({n: SOME * torque_size(base, n.rpartition(".")[0]) for n in start.amplitudes
                           if n.endswith((".coulomb", ".stribeck"))})
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, added, motion, travel, why_absent
+from drivetool.check.candidates import Candidate, Start, added, motion, travel, turns, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
@@ -384,11 +384,13 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
         if name.endswith(".bandwidth"):
             high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
         elif name.endswith(".stribeck_speed"):
-            high[j] = min(high[j], motion(base)[0])
+            high[j] = min(high[j], motion(base, name.rpartition(".")[0])[0])
         elif name.endswith(".drift_time"):
             high[j] = min(high[j], SLOWEST * motion(base)[1])
         elif name.endswith(".viscous_asymmetry"):
-            most = max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces) / motion(base)[0]
+            body = name.rpartition(".")[0]
+            most = turns(base, body) * max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces)
+            most /= motion(base, body)[0]
             low[j], high[j] = max(low[j], -most), min(high[j], most)
         elif name in third:
             start = task.drive.value(name)

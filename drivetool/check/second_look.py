@@ -91,8 +91,8 @@ def doubtful(search: Search) -> bool:
 
 def _open(gap: Model) -> bool:
     """Whether a descent has left a gap open at all."""
-    drive, size = gap.fitted.drive, torque_size(gap)
-    return any((drive.value(f"{s}.half_gap") or 0.0) * drive.value(f"{s}.stiffness") > CLOSED * size
+    drive = gap.fitted.drive
+    return any((drive.value(f"{s}.half_gap") or 0.0) * drive.value(f"{s}.stiffness") > CLOSED * torque_size(gap, s)
                for s in drive.shafts)
 
 
