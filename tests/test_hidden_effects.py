@@ -128,6 +128,14 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
+def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
+    """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""
+    answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "quantisation,hardening-stiffness,load-dependent-damping"],
+                              seed=111015)
+    assert grade(causes, answer) == "right", answer.talk
+
+
 @pytest.mark.parametrize(("effect", "machine"), [
     ("speed-filter", 20), ("converter-lag", 12), ("converter-lag", 20)])
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):

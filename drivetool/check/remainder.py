@@ -70,7 +70,7 @@ def faked(base: Model, cause: Model, masks: Masks) -> float:
     where a fit fails.
     """
     steps = _steps_of(base)
-    if not np.any(steps**2 / 12.0 > COARSE * (sensor_std(base) * base.noise.scale / base.noise.scale[0]) ** 2):
+    if not is_coarse(base):
         return 0.0
     traces = _logged_again(base, steps).traces
     try:
@@ -79,6 +79,12 @@ def faked(base: Model, cause: Model, masks: Masks) -> float:
     except BROKEN:  # what cannot be fitted there says nothing
         return 0.0
     return without.value - having.value
+
+
+def is_coarse(model: Model) -> bool:
+    """Whether a sensor is logged in steps that are much of its noise."""
+    noise = sensor_std(model) * model.noise.scale / model.noise.scale[0]
+    return bool(np.any(_steps_of(model)**2 / 12.0 > COARSE * noise**2))
 
 
 def _steps_of(model: Model) -> np.ndarray:

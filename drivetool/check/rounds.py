@@ -37,7 +37,7 @@ from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whiten
 from drivetool.check.needless import NESTED
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault
-from drivetool.check.remainder import Remainder, faked, remainder
+from drivetool.check.remainder import Remainder, faked, is_coarse, remainder
 from drivetool.check.samples import fitted_samples
 from drivetool.check.story import results_of
 from drivetool.errors import Finding
@@ -281,7 +281,7 @@ class Search:
             ruined = (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
                       or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_std))
             why = AGAINST if ruined else why if s.gain < LITTLE * self.found.gained else ""
-            if self.made_of_steps(s):
+            if self.made_of_steps(s, stage):
                 why = STEPS
             if not why:
                 between = tuple(c for c in decision.between if c not in against)
@@ -289,9 +289,14 @@ class Search:
             against[code] = why
         return replace(decision, best=None, between=()), None, against
 
-    def made_of_steps(self, one: Score) -> bool:
-        """Whether records of the base, logged in the steps of these, would show much of a cause that it lacks."""
-        return faked(self.model, one.model, self.masks) > FAKED * one.lead
+    def made_of_steps(self, one: Score, stage: Gain) -> bool:
+        """Whether a cause may be what the steps of the logger make of a record, and nothing else.
+
+        Records of the base, logged in the same steps, would show much of it, or free runs are no better for it.
+        """
+        better = stage.held_out_rmse_before - stage.held_out_rmse_after
+        return is_coarse(self.model) and (
+            better < stage.rmse_std or faked(self.model, one.model, self.masks) > FAKED * one.lead)
 
     def _adopt(self, decision: Decision, scores: Sequence[Score]) -> None:
         """Make the winner the base of the next round."""
