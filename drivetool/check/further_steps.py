@@ -14,6 +14,7 @@ from drivetool.drive.effects.load_step import STEPS, TIMES, TORQUES
 from drivetool.identify.setup import problem_of
 
 ENOUGH = 15.0  # log likelihood that a further step must bring
+AMONG = 5.0  # standard deviations that it must have: chance makes four and a half at the best of so many instants
 PLAIN = 30.0  # log likelihood that those before it must have brought
 
 
@@ -71,9 +72,13 @@ def _unused(model: Model) -> bool:
 
 
 def without_trifles(model: Model, base: Model, masks: Masks) -> Model:
-    """The model without the steps that are not to be told from zero, as long as one is left."""
+    """The model without the steps that are not to be told from zero, as long as one is left.
+
+    Beside the largest each must stand out from what chance makes at the best of many instants.
+    """
     sizes = {p.name: abs(p.value / p.std) for p in values_of(model, base) if p.std and p.name.endswith(TORQUES)}
-    small = [n for n, size in sizes.items() if size < TOLD]
+    largest = max(sizes, key=lambda n: sizes[n], default=None)
+    small = [n for n, size in sizes.items() if size < (TOLD if n == largest else AMONG)]
     if not small or len(small) == len(sizes):
         return model
     owner = [n.removesuffix("_torque") for n in small]
