@@ -146,7 +146,7 @@ def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gain
     gains = {"first": first, "second": second}
     search = SimpleNamespace(trained=(), found=Found(gained=gained), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda *_: False,
-                             gain_between=lambda _, after: gains[after[0].code])
+                             gain_between=lambda _, after, *more: gains[after[0].code])
     decision = Decision(scores[0], ("first", "second"), 100.0)
     found, _, objected = Search._foretelling(search, decision, scores, 0.01)
     assert (found.best and found.best.model.code) == best and set(objected) == against
@@ -156,7 +156,7 @@ def test_a_small_cause_that_spoils_the_free_run_is_not_named(first, second, gain
 def test_what_ties_with_a_cause_that_is_dropped_must_be_found_by_itself():
     search = SimpleNamespace(trained=(), found=Found(gained=1e4), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda *_: False,
-                             gain_between=lambda _, after: told(1.3 if after[0].code == "first" else 0.9))
+                             gain_between=lambda _, after, *more: told(1.3 if after[0].code == "first" else 0.9))
     for ratio, best in ((30.0, "second"), (-5.0, None)):
         scores = [score(300.0, 2.0 * AGREES, code="first"), score(6.0, code="second", ratio=ratio)]
         decision = Decision(scores[0], ("first", "second"), 100.0)
@@ -175,7 +175,7 @@ def test_a_small_cause_that_gains_in_one_place_only_is_not_named(blocks, gained,
     only = score(300.0, np.array(blocks, float), code="first", frees=frees)
     search = SimpleNamespace(trained=(), found=Found(gained=gained), asked={"first"}, model=BASE,
                              made_of_steps=lambda *_: False,
-                             gain_between=lambda _, after: told(0.5))
+                             gain_between=lambda _, after, *more: told(0.5))
     found, _, objected = Search._foretelling(search, Decision(only, ("first",), 100.0), [only], 0.01)
     assert (found.best is only) == named and ("first" in objected) != named
 
@@ -184,7 +184,7 @@ def test_what_the_steps_of_a_logger_would_show_as_well_is_not_named():
     scores = [score(300.0, code="first"), score(290.0, code="second", ratio=30.0)]
     search = SimpleNamespace(trained=(), found=Found(gained=0.0), asked={"first", "second"}, model=BASE,
                              made_of_steps=lambda s, _: s.model.code == "first",
-                             gain_between=lambda _, after: told(0.5))
+                             gain_between=lambda _, after, *more: told(0.5))
     found, _, objected = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores, 0.01)
     assert found.best.model.code == "second" and found.between == ("second",) and set(objected) == {"first"}
 
@@ -204,7 +204,7 @@ def test_of_two_as_good_the_one_that_was_asked_for_is_taken():
     scores = [score(300.0, 2.0 * AGREES, code="first"), score(290.0, code="second")]
     search = SimpleNamespace(trained=(), found=Found(gained=0.0), asked={"second"}, model=BASE,
                              made_of_steps=lambda *_: False,
-                             gain_between=lambda _, after: told(0.5))
+                             gain_between=lambda _, after, *more: told(0.5))
     found, _, _ = Search._foretelling(search, Decision(scores[0], ("first", "second"), 100.0), scores, 0.01)
     assert found.best.model.code == "second" and found.between == ("first", "second")
 

@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
 from drivetool.check.found import Found
 from drivetool.check.judgement import UNEXPLAINED, verdict_of
 from drivetool.check.remainder import Remainder
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
+from drivetool.check.story import in_the_base
+from drivetool.identify.estimate import Parameter
 
 NOISE = 0.02  # rad/s of the sensor
 
@@ -59,6 +61,26 @@ def test_what_was_not_asked_for_is_said():
     named = sentence_of("named", (("backlash",), (), ("backlash",)), "", gain(27.0, 7.0), 0.01)
     assert "lacks backlash" in named and "7 times the sensor's own noise" in named
     assert "a noise of the torque of 1 % of its spread" in named
+
+
+def test_what_the_base_has_already_is_said_where_nothing_else_is_found():
+    text = sentence_of("nothing-found", ((), (), ()), "", gain(1.0, 1.0), 0.01, had=("coulomb-motor",))
+    assert text.endswith("The drive it was given has dry friction at the motor (coulomb-motor) already.")
+
+
+@pytest.mark.parametrize(("size", "had"), [(0.01, ["coulomb-motor"]), (1e-4, [])])
+def test_the_base_has_a_cause_if_it_is_told_from_none(size, had):
+    def line(name, value, std):
+        return Parameter(name, value, "Nm", value, std, None, "fitted")
+
+    estimate = SimpleNamespace(parameters=(line("motor.coulomb", size, 1e-4), line("load.coulomb", 0.2, 1e-3)))
+    tried = [CandidateResult(code, "", "in-the-model") for code in ("coulomb-motor", "torque-offset")]
+    assert in_the_base([Round(None, tuple(tried))], estimate) == had
+
+
+def test_a_channel_is_to_be_mended_not_recorded_again():
+    assert "Mend the channel" in experiment_of((), "named", laws=False)
+    assert "fresh record" in experiment_of((), "named")
 
 
 @pytest.mark.parametrize(("shafts", "logged", "ends"), [

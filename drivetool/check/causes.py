@@ -154,8 +154,12 @@ def chosen_causes(codes: Iterable[str], drive: Drive) -> tuple[str, ...]:
 def told_sizes(code: str, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
     """Those of the fitted parameters that say how large a cause is; all where it is not known which."""
     sizes = CAUSES[code].sizes if code in CAUSES else ()
-    told = [p for size in sizes for p in parameters if p.name.rpartition(".")[2] == size]
-    if code.endswith(("-motor", "-load")):  # the other body may have its own
-        at_motor = [p.name.startswith("motor.") == code.endswith("-motor") for p in told]
-        told = [p for p, mine in zip(told, at_motor, strict=True) if mine]
+    told = [p for size in sizes for p in parameters if p.name.rpartition(".")[2] == size and of_cause(code, p.name)]
     return tuple(told or parameters)
+
+
+def of_cause(code: str, name: str) -> bool:
+    """Whether a parameter says how large a cause is: of friction at one end of the drive, that end's own."""
+    owner, _, suffix = name.rpartition(".")
+    ends = {"motor": owner == "motor", "load": owner != "motor"}  # the other body may have its own
+    return suffix in CAUSES[code].sizes and ends.get(code.rpartition("-")[2], True)

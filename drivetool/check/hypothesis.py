@@ -30,6 +30,7 @@ TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below whi
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
 SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
+QUICKEST = 0.05  # the same: one that takes less is a start by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 THIRD = 10.0  # by which inertia, stiffness and damping of a third mass may leave their start
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
@@ -207,7 +208,7 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     warm-up one of which the record does not show the end, or a ripple one that does not repeat.
     """
     if tried.model is not None and _endless(tried.model):
-        return replace(tried, reason="it would take longer than the record to show", absent="no-gain")
+        return replace(tried, reason="it would take longer than the record to show, or no time", absent="no-gain")
     if tried.model is not None and _unrepeated(tried.model):
         return replace(tried, reason="it would not repeat in the record", absent="no-gain")
     if tried.model is not None and _at_an_end(tried.model):
@@ -230,9 +231,9 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
 
 
 def _endless(model: Model) -> bool:
-    """Whether a time constant of a warm-up lies on its bound."""
-    values = zip(model.task.free, model.point.values, model.problem.high, strict=True)
-    return any(n.endswith(".drift_time") and value > 0.99 * high for n, value, high in values)
+    """Whether a time constant of a warm-up lies on a bound."""
+    values = zip(model.task.free, model.point.values, model.problem.low, model.problem.high, strict=True)
+    return any(n.endswith(".drift_time") and not 1.01 * low < value < 0.99 * high for n, value, low, high in values)
 
 
 def _unrepeated(model: Model) -> bool:
@@ -386,7 +387,7 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
         elif name.endswith(".stribeck_speed"):
             high[j] = min(high[j], motion(base, name.rpartition(".")[0])[0])
         elif name.endswith(".drift_time"):
-            high[j] = min(high[j], SLOWEST * motion(base)[1])
+            low[j], high[j] = (share * motion(base)[1] for share in (QUICKEST, SLOWEST))
         elif name.endswith(".viscous_asymmetry"):
             body = name.rpartition(".")[0]
             most = turns(base, body) * max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces)

@@ -67,7 +67,8 @@ def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks)
     task = model.fitted
     if tip_names(first, third_of(task.drive))[0] in names:
         task = without_third(task, first)
-    values = {n: v for n, v in task.drive.values.items() if n not in names}
+    orders = {n.replace(".bandwidth", ".order") for n in names if n.endswith(".bandwidth")}  # of no lag any more
+    values = {n: v for n, v in task.drive.values.items() if n not in {*names, *orders}}
     for n in [n for n in names if n.endswith(".stribeck")]:  # without its surplus friction is what it was
         dry = n.replace(".stribeck", ".coulomb")
         values |= {dry: values[dry] + task.drive.value(n)} if dry in values else {}

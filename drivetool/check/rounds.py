@@ -274,7 +274,7 @@ class Search:
         for s in sorted(tied, key=lambda s: (s.model.code not in self.asked, -s.gain)):
             if against and total_evidence([s], self.found.gained) < np.log(1.0 / budget):
                 continue
-            stage, code = self.gain_between(self.trained, s.trained), s.model.code
+            stage, code = self.gain_between(self.trained, s.trained, s.gain), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
             worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
@@ -332,16 +332,19 @@ class Search:
         traces = traces_of(experiments, task.roles)
         self.model = replace(self.model, task=task, problem=replace(self.model.problem, traces=traces))
 
-    def gain_between(self, before: Sequence[Model], after: Sequence[Model]) -> Gain:
-        """The gain in free runs over held-out blocks."""
+    def gain_between(self, before: Sequence[Model], after: Sequence[Model], brought: float = 0.0) -> Gain:
+        """The gain in free runs over held-out blocks.
+
+        brought  log likelihood on data held out, beside what was found before
+        """
         role = self.first.task.roles.outputs[0]
         motion = self.first.task.drive.motion_unit
         unit = motion if role.endswith("angle") else f"{motion}/s"
         traces = self.first.problem.traces
         i, a, b = blocks_of(traces)[0]
         return gain_of(forecast(before, self.folds), forecast(after, self.folds), unit,
-                       (b - a) * traces[i].step, sensor_std(self.model),
-                       unexplained_percent(self.found.gained, remainder(after[0])))
+                       (b - a) * traces[i].step, sensor_std(after[0]),
+                       unexplained_percent(self.found.gained + brought, remainder(after[0])))
 
     def total_gain(self) -> Gain:
         """From the first base to the last model."""

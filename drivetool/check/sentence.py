@@ -28,12 +28,15 @@ def taken_for_noise(gain: Gain, share: float, loud: float = LOUD) -> bool:
 
 
 def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = (),
-                  doubt: str = "") -> str:
+                  doubt: str = "", laws: bool = True) -> str:
     """What would decide, or show more.
 
     shafts  whether the drive has more than one body; logged: roles of the sensors that the records have
     doubt   why it may be something in no catalogue; empty: the torque's noise
+    laws    whether a law was found; else what is named is a fault of the record
     """
+    if verdict == "named" and not laws:
+        return "Mend the channel, in the drive's logger or by the channel map, and run greybox on the record again."
     if UNLISTED in between and verdict == "undetermined" and not doubt:
         return ("Hold the torque for some seconds at several levels: a noise of the torque is there too, the "
                 f"effect of a law that is missing is not.{_further(shafts, logged)}")
@@ -55,7 +58,7 @@ def _further(shafts: bool, logged: Sequence[str]) -> str:
 
 
 def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
-                share: float, met: float = np.inf, doubt: str = "") -> str:
+                share: float, met: float = np.inf, doubt: str = "", had: Sequence[str] = ()) -> str:
     """The verdict for a plant engineer.
 
     codes    what is certain, what it is between, and all that was found, in the order found
@@ -63,6 +66,7 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     share    std of the torque's noise over the spread of the torque
     met      rms error of free runs of what was fitted to the whole record
     doubt    why it may yet be something that is in no catalogue; empty: the torque's noise
+    had      causes that the base has already
     """
     causes, between, found = codes
     words = _and(causes)
@@ -105,7 +109,9 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
             return f"Something is missing that none of the candidates explains;{near} {known} would."
         return (f"Something is missing that no cause in the catalogue explains.{near} "
                 f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
-    return "Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would explain."
+    own = f" The drive it was given has {_and(had)} already." if had else ""
+    return ("Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would "
+            f"explain.{own}")
 
 
 def _said(code: str) -> str:

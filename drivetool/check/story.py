@@ -10,6 +10,7 @@ import numpy as np
 
 from drivetool.check.between_records import finding_of, told_apart
 from drivetool.check.candidates import torque_size
+from drivetool.check.causes import of_cause
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
 from drivetool.check.exhibits import exhibits_of, view_of
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 # Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
 # likelihood at which `surprise` reaches a hundred.
 VISIBLE = 6.0
+SHOWN = 3.0  # standard deviations from which a parameter of the base is one
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 SLOWER = 0.7  # of the rate at which torque noise forgets
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
@@ -120,9 +122,9 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     task, causes = search.model.task, tuple(search.found.causes)
     hums = hum(search.model, gain.unit) if found.doubt or found.verdict == "unexplained" else []
     experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
-                               found.doubt)
+                               found.doubt, bool(causes))
     sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
-                           estimate.fit.get("rmse", np.inf), found.doubt)
+                           estimate.fit.get("rmse", np.inf), found.doubt, in_the_base(search.rounds, estimate))
     said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *hums)
     if search.change is not None:
         said = (*said, finding_of(search.change, search.model))
@@ -136,6 +138,14 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
         found.between if found.verdict == "undetermined" else (), experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
         causes if lost else ())
+
+
+def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
+    """The causes that the drive had before the first round, of a size that the records tell from none."""
+    shown = tuple(p for p in estimate.parameters if p.std and abs(p.value) > SHOWN * p.std)
+    had = [c.code for c in rounds[0].candidates if c.state == "in-the-model"] if rounds else []
+    # An idle torque that the base has is its own, and no offset of a sensor.
+    return [c for c in had if c != "torque-offset" and any(of_cause(c, p.name) for p in shown)]
 
 
 def _doubting(one: Round, code: str) -> Round:

@@ -47,7 +47,9 @@ def finding_of(found: CandidateResult, final: Mapping[str, Parameter] = MappingP
                 "torques usually have.", "")
     cause = CAUSES.get(found.code)
     name = cause.name if cause else found.code
-    told = [size_of(final.get(p.name, p)) for p in told_sizes(found.code, found.parameters)]
+    sizes = told_sizes(found.code, found.parameters)
+    told = [size_of(final.get(p.name, p)) for p in sizes]
+    told += [f"at {size_of(final[n])}" for p in sizes if (n := f"{p.name}_twist") in final]  # where it counts
     size = f" The fit gives {', '.join(told)}." if told else ""
     text = cause.text if cause else f"The model lacks {found.law or found.code}."
     where = found.reason.rstrip(".") if found.state in ("named", "possible") else ""
