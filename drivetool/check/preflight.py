@@ -20,6 +20,7 @@ from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
 
 COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
+FINE, FASTEST = 10.0, 0.98  # steps of an angle in a sample of fast motion, from which they are a sensor's own
 SCALE = 0.003  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope
 LATE = 0.1  # samples of delay below which a speed is not called late
@@ -68,14 +69,17 @@ def _quantisation(e: Experiment) -> list[Fault]:
         if step is None:
             continue
         share = step**2 / 12.0 / max(_white_variance(y), 1e-300)
-        # Angles are always coarse, and their noise is nothing else: that is no fault but a sensor.
-        if share > COARSE and not role.endswith("angle"):
-            unit = {"speed": f"{e.motion_unit}/s"}.get(role.rpartition("_")[2], e.torque_unit)
+        # The noise of an encoder is often nothing else: that is a fault only where it makes few steps a sample.
+        fine = role.endswith("angle") and np.quantile(np.abs(np.diff(y)), FASTEST) > FINE * step
+        if share > COARSE and not fine:
+            units = {"speed": f"{e.motion_unit}/s", "angle": e.motion_unit}
+            unit = units.get(role.rpartition("_")[2], e.torque_unit)
             faults.append(Fault("quantisation", Finding(
                 "note", "quantisation",
                 f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is most of "
                 "its noise.", {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
-                "Log it with more digits, or log the angle.")))
+                "Log it with more digits, or log the angle." if role.endswith("speed") else
+                "Log it with more digits, or from a finer sensor.")))
     return faults
 
 

@@ -1,0 +1,38 @@
+"""The steps in which a channel was logged: told wherever there are any, a fault where they are coarse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivetool.check.preflight import preflight
+from drivetool.check.resolution import resolution
+from drivetool.logs.experiment import Experiment
+from tests.recover import STEP
+
+SIZE = 12_000
+TIME = STEP * np.arange(SIZE)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_are_told_also_of_values_that_hardly_repeat(seed):
+    rng = np.random.default_rng(seed)
+    way = np.cumsum(1.0 + 0.5 * rng.standard_normal(SIZE))
+    assert resolution(np.round(way / 0.25) * 0.25) == pytest.approx(0.25, rel=1e-9)
+    assert resolution(np.round(way[:900] / 3.0) * 3.0) == pytest.approx(3.0, rel=1e-9)
+    assert resolution(way) is None and resolution(rng.standard_normal(SIZE)) is None
+
+
+@pytest.mark.parametrize(("counts", "found"), [(2000.0, True), (200_000.0, False)])
+def test_an_angle_is_coarse_where_fast_motion_makes_few_steps_in_a_sample(counts, found):
+    """The noise of both encoders is nothing but their steps: 3 and 300 a sample at 10 rad/s."""
+    speed = 10.0 * np.sin(2.0 * np.pi * 0.3 * TIME)
+    step = 2.0 * np.pi / counts
+    angle = np.round(STEP * np.cumsum(speed) / step) * step
+    record = Experiment("encoder", "0" * 64, STEP, 0.0, {"motor_torque": np.cos(TIME), "motor_angle": angle},
+                        ((0, SIZE),), torque_is="command")
+    faults = preflight([record], ("quantisation",))[1]
+    assert [f.code for f in faults] == ["quantisation"] * found
+    if found:
+        assert faults[0].finding.evidence["resolution"] == pytest.approx(step, rel=1e-9)
+        assert "rad;" in faults[0].finding.text
