@@ -22,6 +22,7 @@ from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.check.sentence import experiment_of, sentence_of
+from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS
@@ -125,7 +126,7 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
                                found.doubt, bool(causes))
     sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
                            estimate.fit.get("rmse", np.inf), found.doubt, in_the_base(search.rounds, estimate))
-    said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *hums)
+    said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *untold_bodies(search), *hums)
     if search.change is not None:
         said = (*said, finding_of(search.change, search.model))
         if found.verdict in ("unexplained", "nothing-found") and not causes:

@@ -1,0 +1,60 @@
+"""Which body has a law that the motor and the load may both have: often the record does not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivetool.check.candidates import ends, turns
+from drivetool.check.hypothesis import BROKEN
+from drivetool.check.model import Masks, Model, at_rest, fit
+from drivetool.check.structure import carried
+from drivetool.errors import Finding
+
+if TYPE_CHECKING:
+    from drivetool.check.rounds import Search
+
+# Cause -> suffix of its one parameter, and the power of the gear by which a value behind it counts less.
+POWERS: Mapping[str, tuple[str, int]] = {"asymmetric-friction": ("viscous_asymmetry", 2),
+                                         "quadratic-drag": ("drag", 3)}
+ALIKE = 4.0  # log likelihood within which the record does not tell
+
+
+def untold_bodies(search: Search) -> list[Finding]:
+    """What to say of laws that would explain the records as well on the other end of the drive."""
+    bodies, found = ends(search.first), []
+    for code in search.found.causes if len(bodies) > 1 else ():
+        suffix, power = POWERS.get(code, ("", 0))
+        for name in [f"{b}.{suffix}" for b in bodies if f"{b}.{suffix}" in search.found.added.get(code, ())]:
+            other = next(f"{b}.{suffix}" for b in bodies if f"{b}.{suffix}" != name)
+            try:
+                there = moved(search.model, name, other, power, search.masks)
+            except BROKEN:  # then nothing is said
+                continue
+            if there.value < search.model.value + ALIKE:
+                found.append(_finding(search, name, other, there))
+    return found
+
+
+def moved(model: Model, name: str, other: str, power: int, masks: Masks) -> Model:
+    """The model with a parameter of one body made that of another, fitted again."""
+    task = model.fitted
+    here, there = (turns(model, n.partition(".")[0]) for n in (name, other))
+    values = {n: v for n, v in task.drive.values.items() if n != name}
+    drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
+    task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))
+    problem = task.problem()
+    return at_rest(fit(model.code, task, problem, carried(model, task, problem), model.noise, masks), masks)
+
+
+def _finding(search: Search, name: str, other: str, there: Model) -> Finding:
+    value, lead = there.fitted.drive.value(other), there.value - search.model.value
+    both, logged = "look at both ends of the drive.", search.model.task.roles.outputs
+    return Finding(
+        "note", "body-not-told",
+        f"The drive has {name}; the record does not tell it from {other} {value:.4g} "
+        f"{there.task.drive.unit(other)} ({abs(lead):.2g} of log likelihood between them).",
+        {other: float(value), "log_likelihood": float(lead)},
+        # Speeds hardly differ by it: what the shaft carries does.
+        both.capitalize() if "shaft_torque" in logged else f"Log the shaft torque too, or {both}")
