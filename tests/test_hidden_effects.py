@@ -24,7 +24,7 @@ NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
 SOON = [("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
         ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42)]
 # Two at once, and other kinds of record.
-MORE = [(("backlash", "coulomb-load"), 42, SHORT),
+MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.study),
         # Dry friction at the motor had stood for both, and beside it neither found to its own values.
         (("backlash", "coulomb-load"), 107000, {"seed": 107000}),
         ("backlash", 44, {"record": "closed-loop"} | SHORT),
@@ -36,7 +36,8 @@ MORE = [(("backlash", "coulomb-load"), 42, SHORT),
         ("third-mass", 50007, {"seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"),
                                "record": "one-directional", "noise": "loud"} | SHORT),
         # In every one of several records.
-        ("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT),
+        pytest.param("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT,
+                     marks=pytest.mark.study),
         # Without the friction the load's share of the inertia comes out wrong, and with it the scale of the sensor.
         pytest.param(("coulomb-load", "wrong-sign-shaft"), 400004, {
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
@@ -128,6 +129,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
+@pytest.mark.study
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""
     answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",
@@ -210,7 +212,7 @@ def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
 @pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [
     pytest.param("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT,
                  marks=pytest.mark.study),
-    ("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT),
+    pytest.param("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT, marks=pytest.mark.study),
     ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
 def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
                                                                                tmp_path):

@@ -20,6 +20,7 @@ PLAIN = ["--hold", "motor.coulomb"]
 CANDIDATES = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness,load-step"]
 
 
+@pytest.mark.study
 def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_cause_is_named(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     machine = case.rig.machine
