@@ -53,7 +53,7 @@ MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
-ALL = [("third-mass", 35, SHORT), ("coulomb-motor", 47, SHORT)]
+ALL = [("third-mass", 35, SHORT), pytest.param("coulomb-motor", 47, SHORT, marks=pytest.mark.study)]
 
 
 def answered(effect, machine, folder, labels, words, **options):

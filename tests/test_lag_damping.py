@@ -12,8 +12,8 @@ from tests.hidden.profiles import profile
 DEFAULT = 0.69
 
 
-@pytest.mark.parametrize(("seed", "damping"), [
-    (71001, 1.0), pytest.param(71002, DEFAULT, marks=pytest.mark.study)])
+@pytest.mark.study
+@pytest.mark.parametrize(("seed", "damping"), [(71001, 1.0), (71002, DEFAULT)])
 def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_path, seed, damping):
     """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
     case = make_case("none", seed, sensors=("motor_speed", "load_speed"), noise="quiet")

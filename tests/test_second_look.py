@@ -17,6 +17,7 @@ def answered(effects, machine, folder, candidates, **options):
     return answer, case.label(False)["causes"]
 
 
+@pytest.mark.study
 def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_path):
     """A light load and chirps: the stiffness came out at half, and a third of the torque as noise."""
     answer, causes = answered("backlash", 100001, tmp_path, "backlash,coulomb-load,third-mass", record="chirp",
