@@ -70,6 +70,9 @@ def test_of_two_channels_of_opposite_signs_the_torque_tells_which_is_wrong(upsid
     wrong = replace(record, signals={**record.signals, upside_down: -record.signals[upside_down]})
     (mended,), faults = preflight([wrong], WANTED, RATIO)
     assert {f.code for f in faults} == {"wrong-sign"}
+    said = " ".join(f"{f.finding.text} {f.finding.action}" for f in faults)
+    assert ("angle that is upside down" in said) == (upside_down == "motor_angle")
+    assert ("sign of the motor's" in said) == (upside_down == "motor_speed")
     for role in ("motor_speed", upside_down):
         np.testing.assert_allclose(mended.signals[role], record.signals[role], rtol=5e-3)
 

@@ -99,14 +99,16 @@ def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fa
         code = _code(factor, error, wanted)
         if code is None:
             continue
-        faults.append(Fault(code, Finding(
-            "warning", code,
-            f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle.",
-            {"factor": float(factor), "std": float(error)},
-            "Correct sign, unit or scale of one of the two in the channel map.")))
         # The angle counts on: a scale of speed is the commoner mistake, and an encoder counts right. Which of two
         # signs is wrong the torque tells.
-        if factor < 0.0 and pushed(signals, speed, e.step, e.segments) > SURE:
+        turned = factor < 0.0 and pushed(signals, speed, e.step, e.segments) > SURE
+        known = f" The torque drives it as the speed says: it is the {body} angle that is upside down." * turned
+        faults.append(Fault(code, Finding(
+            "warning", code,
+            f"{e.name}: the logged {body} speed is {factor:.4g} times the rate of the logged {body} angle.{known}",
+            {"factor": float(factor), "std": float(error)},
+            "Correct sign, unit or scale of one of the two in the channel map.")))
+        if turned:
             signals[angle], factor = -signals[angle], -factor
         signals[speed] = signals[speed] / factor
     return replace(e, signals=signals), faults
@@ -126,7 +128,10 @@ def _ends(e: Experiment, wanted: Sequence[str], turns: float) -> tuple[Experimen
     if code is None:
         return e, []
     fault = load_fault(e, code, factor, error, turns)
-    if factor < 0.0 and pushed(e.signals, here[0], e.step, e.segments) < -SURE:  # the motor's sign is the wrong one
+    if factor < 0.0 and pushed(e.signals, here[0], e.step, e.segments) < -SURE:
+        fault = replace(fault, finding=replace(
+            fault.finding, text=f"{fault.finding.text} It is the motor's that runs against its torque.",
+            action="Turn the sign of the motor's channels, or of the torque, in the channel map."))
         e, factor = over(e, here, -1.0), -factor
     return load_over(e, factor), [fault]
 
