@@ -16,6 +16,7 @@ from drivetool.identify.least_squares import Solution, approach, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio, remembering
 from drivetool.identify.options import Options
 from drivetool.identify.parts import shared_out
+from drivetool.identify.portions import by_portions
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.resonance import resonances
 from drivetool.identify.rough import balanced
@@ -82,6 +83,9 @@ def by_innovations(task: Task, starts: Sequence[Mapping[str, float]], seed: int 
     if not best.converged:
         further = fit_innovations(problem, best.point, best.noise, arrived=True)
         best = min(best, further, key=lambda f: f.value)
+    if len(found) > AT_ONCE:  # the first did not agree: the likelihood is rough
+        found = [*found, *by_portions(task, best, again)]
+        best = min([best, *(d.end for d in found)], key=lambda f: f.value)
     best = settle(problem, best)
     tried = [{**_told(task, {"way": f"{d.way} observer", **{f"start {k}": v for k, v in d.start.items()}},
                       d.end, best), "apart": gap(best, d.end)} for d in found]
