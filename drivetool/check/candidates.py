@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import load_steps
 from drivetool.check.model import Model, everything, fit
@@ -320,7 +321,13 @@ def why_absent(candidate: Candidate, base: Model) -> tuple[State, str]:
     if candidate.code == "third-mass":
         return "not-shown", ("the drive is no two-mass drive, or a third mass would ring too fast for the sampling "
                              "rate")
-    return "not-shown", f"this drive or record cannot show it; needed: {effect.needs}"
+    return "not-shown", needed(candidate)
+
+
+def needed(candidate: Candidate) -> str:
+    """What a record must contain to show a cause, after one that does not."""
+    needs = next((e.needs for e in EFFECTS if e.code == candidate.effect), CAUSES[candidate.code].needs)
+    return f"this drive or record cannot show it; needed: {needs}"
 
 
 CANDIDATES: tuple[Candidate, ...] = (

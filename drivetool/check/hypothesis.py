@@ -7,18 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, added, motion, travel, turns, why_absent
+from drivetool.check.candidates import Candidate, Start, added, motion, needed, travel, turns, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
+from drivetool.check.linear_step import linear_step
 from drivetool.check.model import Masks, Model, fit, judge
 from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
-from drivetool.identify.least_squares import Solution, marquardt_step, schur
+from drivetool.identify.least_squares import Solution, marquardt_step
 from drivetool.identify.noise import normal_under
-from drivetool.identify.problem import Normal, Point, Problem
+from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import problem_of
 
@@ -328,7 +329,7 @@ def _promising(begun: Sequence[Begun]) -> list[Begun]:
 def _screened(candidate: Candidate, resolved: dict[str, float]) -> Tried:
     """A cause whose amplitudes the innovations at the base do not ask for."""
     if resolved and not any(np.isfinite(v) for v in resolved.values()):
-        return Tried(candidate, (), resolved, "nothing in this record depends on it", "not-shown")
+        return Tried(candidate, (), resolved, needed(candidate), "not-shown")
     return Tried(candidate, (), resolved, "it does not make the records it is fitted to more likely", "no-gain")
 
 
@@ -357,19 +358,6 @@ def begin(base: Model, start: Start, masks: Masks) -> Begun:
     first = min((Point(values, point.starts), whole), key=lambda p: judge(problem, p, base.noise, masks))
     return Begun(start, problem, first, promise,
                  {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)})
-
-
-def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """(k,) Gauss-Newton step of the parameters that move, their standard deviations, log likelihood it gains."""
-    matrix, slope, _ = schur(normal)
-    i = np.flatnonzero(moves & (np.diag(matrix) > 0.0))
-    step, std = np.zeros(len(slope)), np.full(len(slope), np.inf)
-    size = np.sqrt(np.diag(matrix)[i])
-    inverse = np.linalg.pinv(matrix[np.ix_(i, i)] / np.outer(size, size), rcond=1e-10, hermitian=True)
-    step[i] = -(inverse @ (slope[i] / size)) / size
-    variance = normal.cost / max(problem.count - problem.unknowns, 1)
-    std[i] = np.sqrt(variance * np.maximum(np.diag(inverse), 0.0)) / size
-    return step, std, float(-0.5 * slope @ step / variance)
 
 
 def _bounded(problem: Problem, base: Model, task) -> Problem:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.between_records import finding_of, told_apart
-from drivetool.check.candidates import torque_size
+from drivetool.check.candidates import needed, torque_size
 from drivetool.check.causes import of_cause
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
@@ -100,7 +100,7 @@ def _unjudged(t: Tried, gain: float, most: float) -> tuple[State, str]:
         return "worse", (f"on the records it is fitted to it gains {gain:.0f} of log likelihood, the likeliest "
                          f"cause {most:.0f}")
     if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
-        return "not-shown", "nothing in this record depends on it"
+        return "not-shown", needed(t.candidate)
     return "no-gain", "it does not make the records it is fitted to more likely"
 
 

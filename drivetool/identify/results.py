@@ -39,13 +39,21 @@ def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.
         return covariance, inflation, free
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
     size = np.sqrt(own[i])
-    values, vectors = np.linalg.eigh(matrix[np.ix_(i, i)] / np.outer(size, size))
-    good = values > 1e-13 * max(values.max(), 1e-300)
-    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
-    lost = np.sum(vectors[:, ~good] ** 2, axis=1) > 1e-3
+    inverse, lost = inverted(matrix[np.ix_(i, i)] / np.outer(size, size), 1e-13)
     covariance[np.ix_(i, i)] = variance * inverse / np.outer(size, size)
     inflation[i] = np.where(lost, np.inf, np.diag(inverse))
     return covariance, inflation, free
+
+
+def inverted(matrix: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """((k, k) inverse of a symmetric matrix without its null directions, (k,) what has a part in those).
+
+    least  share of the largest eigenvalue below which a direction is null
+    """
+    values, vectors = np.linalg.eigh(matrix)
+    good = values > least * max(values.max(), 1e-300)
+    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
+    return inverse, np.sum(vectors[:, ~good] ** 2, axis=1) > 1e-3
 
 
 def held_uncertainty(problem: Problem, normal: Normal, held: Covariance) -> np.ndarray:

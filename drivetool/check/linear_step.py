@@ -1,0 +1,27 @@
+"""One linear step from where a model is: where it would go, what it would gain, what is told of each value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivetool.identify.least_squares import schur
+from drivetool.identify.problem import Normal, Problem
+from drivetool.identify.results import inverted
+
+SINGULAR = 1e-10  # share of the largest eigenvalue below which a direction counts as none
+
+
+def linear_step(problem: Problem, normal: Normal, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(k,) Gauss-Newton step of the parameters that move, their standard deviations, log likelihood it gains.
+
+    What others imitate to the last digit has no standard deviation that is a number.
+    """
+    matrix, slope, _ = schur(normal)
+    i = np.flatnonzero(moves & (np.diag(matrix) > 0.0))
+    step, std = np.zeros(len(slope)), np.full(len(slope), np.inf)
+    size = np.sqrt(np.diag(matrix)[i])
+    inverse, lost = inverted(matrix[np.ix_(i, i)] / np.outer(size, size), SINGULAR)
+    step[i] = -(inverse @ (slope[i] / size)) / size
+    variance = normal.cost / max(problem.count - problem.unknowns, 1)
+    std[i] = np.where(lost, np.inf, np.sqrt(variance * np.maximum(np.diag(inverse), 0.0)) / size)
+    return step, std, float(-0.5 * slope @ step / variance)
