@@ -9,21 +9,21 @@ import pytest
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
 from drivetool.check.found import Found
-from drivetool.check.judgement import SCATTER, judged
+from drivetool.check.judgement import SCATTER, SEVERAL, judged
 from drivetool.check.remainder import Remainder
 
 REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated"),))
 CLEAN = SimpleNamespace(findings=())
 
 
-def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), sure=True):
+def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), sure=True, free=()):
     """A search that found one cause in one round, and what it leaves."""
     found = Found()
     found.take(code, Decision(None, (code, *rivals), 50.0), ["x"], gain)
     line = CandidateResult(code, "", "named", gain, gain_std, 50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[], found=found, left=Remainder(left, 0.0, 0.0, time), rounds=[Round(code, (line,))],
-        confident=left <= 0.15 * gain)
+        confident=left <= 0.15 * gain, model=SimpleNamespace(task=SimpleNamespace(free=free)))
 
 
 def gain(before, after, left=0.0, std=0.05):
@@ -70,3 +70,14 @@ def test_a_name_that_blocks_are_sure_of_beside_a_later_cause_is_one():
     search = search_with("coulomb-load", gain=46.9, gain_std=43.8, sure=False)
     search.found.sure.add("coulomb-load")
     assert judged(search, CLEAN, gain(1.0, 0.3), 0.001).verdict == "named"
+
+
+@pytest.mark.parametrize(("steps", "left", "verdict"), [
+    (("load.step_torque", "load.step2_torque"), 14.0, "undetermined"),
+    (("load.step_torque", "load.step2_torque"), 0.0, "named"),
+    (("load.step_torque",), 14.0, "named")])
+def test_a_load_that_changes_several_times_must_leave_nothing(steps, left, verdict):
+    """Friction by direction, left out of the catalogue, is a load that comes and goes at the reversals."""
+    found = judged(search_with("load-step", left=left, free=steps), CLEAN, gain(1.0, 0.7), 0.001)
+    assert (found.verdict, found.doubt) == (verdict, SEVERAL if verdict == "undetermined" else "")
+    assert found.between == (("load-step", UNLISTED) if verdict == "undetermined" else ())

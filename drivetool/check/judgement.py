@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.diagnosis import UNLISTED, Gain
 from drivetool.check.sentence import taken_for_noise
+from drivetool.drive.effects.load_step import TORQUES
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Estimate
 
@@ -20,6 +21,7 @@ PART = 0.3  # of that error, or of what could be explained, that is part of the 
 SURELY = 2.0  # standard errors of a gain on data held out
 EVENTS = ("load-step", "friction-drift")  # which blocks of a record see unequally
 SCATTER = "data held out tell it by less than two standard errors"
+SEVERAL = "a load that changes several times can stand in for a law, and what it leaves is not noise alone"
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,9 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
     if taken_for_noise(gain, share):
         return _without(found, [max(search.found.causes, key=lambda c: search.found.evidence[c])])
     hardly = hardly_told(search)
-    return _without(found, hardly, SCATTER) if hardly else found
+    if hardly:
+        return _without(found, hardly, SCATTER)
+    return _without(found, ["load-step"], SEVERAL) if stands_in(search) else found
 
 
 def _without(found: Judgement, doubted: Sequence[str], doubt: str = "") -> Judgement:
@@ -104,6 +108,15 @@ def hardly_told(search: Search) -> list[str]:
     return [c.code for one in search.rounds for c in one.candidates
             if c.code == one.cause and c.code in search.found.causes and c.code not in EVENTS
             and not c.sure and c.code not in search.found.sure]
+
+
+def stands_in(search: Search) -> bool:
+    """Whether a load that changes at more than one instant leaves anything: true ones leave noise.
+
+    By direction, say, a friction of another size is a load that comes and goes at the reversals.
+    """
+    changes = sum(n.endswith(TORQUES) for n in search.model.task.free)
+    return "load-step" in search.found.causes and changes > 1 and search.left.total > 0.0
 
 
 def spoils(gain: Gain) -> bool:
