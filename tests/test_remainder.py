@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from drivetool.check.diagnose import base_model
 from drivetool.check.model import Model, everything, fit, spread
-from drivetool.check.remainder import _left, _logged_again, faked, remainder
+from drivetool.check.remainder import _left, _logged_again, _memory, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import roles_of
@@ -51,6 +52,16 @@ def test_rounding_alone_leaves_nothing_and_a_wrong_model_something(seed, share):
     values[stiff] *= 1.3
     wrong = replace(model, point=Point(values, model.point.starts))
     assert remainder(wrong).total > 1000.0
+
+
+@pytest.mark.parametrize("root", [0.3, 0.8])
+def test_errors_that_repeat_are_worth_what_their_predictor_gains(root):
+    """-log(1 - root^2) / 2 a sample for an autoregression of first order, whose variance is known."""
+    noise = np.random.default_rng(3).standard_normal((2, 20000))
+    pieces = list(lfilter([1.0], [1.0, -root], noise))
+    worth = -0.5 * noise.size * np.log1p(-root**2)
+    assert _memory(pieces) == pytest.approx(worth, rel=0.05, abs=100.0)
+    assert _memory(list(noise)) == 0.0
 
 
 def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from drivetool.check.hypothesis import BROKEN
@@ -140,11 +141,19 @@ def _excess(chi: float, degrees: int) -> float:
 
 
 def _memory(z: list[np.ndarray]) -> float:
+    """What an autoregression of so many lags would gain.
+
+    The sum of squared correlations, which is the same for small ones, counts a hum once per lag.
+    """
     products = np.zeros(LAGS + 1)
     for e in z:
         products += [e[: len(e) - k] @ e[k:] for k in range(LAGS + 1)]
     n = sum(len(e) for e in z)
-    return _excess(float(n * np.sum((products[1:] / products[0]) ** 2)), LAGS)
+    if products[0] <= 0.0:
+        return 0.0
+    # Correlated to the last digit, a series is told from the one before it: there is no noise to speak of.
+    told = min(float(products[1:] @ solve_toeplitz(products[:-1], products[1:])) / products[0], 1.0 - 1e-12)
+    return _excess(-n * float(np.log1p(-told)), LAGS)
 
 
 def _size(z: list[np.ndarray], length: int) -> float:
