@@ -11,7 +11,7 @@ from drivetool.check.candidates import Candidate, Start, added, motion, needed, 
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
-from drivetool.check.linear_step import linear_step
+from drivetool.check.linear_step import alone, linear_step
 from drivetool.check.model import Masks, Model, fit, judge
 from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
@@ -45,8 +45,8 @@ class Tried:
 
     models    where its fits ended, the best first; none if there was nothing to fit, or every fit
               failed: `absent` says which, `reason` why
-    smallest  standard deviation of each amplitude at the base, of the lag for a bandwidth: what the record
-              resolves
+    smallest  standard deviation of each amplitude at the base, the cause's others zero, of the lag for a bandwidth:
+              what the record resolves
     promise   log likelihood that a linear step at the base would gain; zero if none was tried
     """
 
@@ -68,7 +68,7 @@ class Begun:
     """A start that is ready for a fit.
 
     promise  log likelihood that one linear step would gain; infinite where there is none to say
-    std      amplitude -> its standard deviation at the base
+    std      amplitude -> its standard deviation at the base, the cause's others zero
     """
 
     start: Start
@@ -93,7 +93,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     begun, reason = [], "every fit failed"
     for start in starts:
         try:
-            begun.append(begin(base, start, masks))
+            begun.append(begin(base, start, masks, CAUSES[candidate.code].sizes))
         except BROKEN as error:
             reason = str(error)
     resolved = dict(before.smallest) if before is not None else _resolved(begun) or _traced(candidate, base)
@@ -311,12 +311,12 @@ def _traced(candidate: Candidate, base: Model) -> dict[str, float]:
 
 
 def _resolved(begun: Sequence[Begun]) -> dict[str, float]:
-    """Amplitude -> its least standard deviation over the starts."""
-    found: dict[str, float] = {}
+    """Amplitude -> its standard deviation in the middle of the starts, of several speeds, orders or instants."""
+    found: dict[str, list[float]] = {}
     for b in begun:
         for name, std in b.std.items():
-            found[name] = min(std, found.get(name, np.inf))
-    return found
+            found.setdefault(name, []).append(std)
+    return {name: float(np.quantile(each, 0.5, method="lower")) for name, each in found.items()}
 
 
 def _promising(begun: Sequence[Begun]) -> list[Begun]:
@@ -333,8 +333,11 @@ def _screened(candidate: Candidate, resolved: dict[str, float]) -> Tried:
     return Tried(candidate, (), resolved, "it does not make the records it is fitted to more likely", "no-gain")
 
 
-def begin(base: Model, start: Start, masks: Masks) -> Begun:
+def begin(base: Model, start: Start, masks: Masks, sizes: Sequence[str] = ()) -> Begun:
     """The first point of a start, and what a linear step promises.
+
+    sizes  suffixes of the amplitudes that are the cause's own: the friction that a breakaway one comes on top of is
+           none
 
     Amplitudes begin where one linear step from the base puts them, everything else there too or
     where it was, whichever is likelier; from zero the limits of the usual steps would take many.
@@ -348,6 +351,8 @@ def begin(base: Model, start: Start, masks: Masks) -> Begun:
     normal = normal_under(problem, point, base.noise)
     moves = np.array([n in start.amplitudes or n in base.task.free for n in task.free])
     step, std, promise = linear_step(problem, normal, moves)
+    own = np.array([n in start.amplitudes and n.rpartition(".")[2] in sizes for n in task.free])
+    std = np.where(own, alone(problem, normal, own, moves & ~own), std)
     values = point.values.copy()
     at = [task.free.index(name) for name in start.amplitudes]
     for j in at:
