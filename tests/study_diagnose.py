@@ -359,13 +359,19 @@ def limits(found: Sequence[Mapping]) -> str:
         seen = [row["grade"] not in ("missed", "failed") for row in mine]
         number = np.array([row["visibility"] for row in mine])
         half = _half(number, np.array(seen)) if mine else None
-        # Values are in proportion to visibility: the one at the limit is value * half / visibility.
-        ratio = [least / (large(row["values"], name) * half / row["visibility"]) for row in mine if half
+        # Sizes are in proportion to visibility: the one at the limit is size * half / visibility.
+        ratio = [size(name, least) / (size(name, large(row["values"], name)) * half / row["visibility"])
+                 for row in mine if half
                  for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
                  if row["values"].get(name)]
         lines.append(f"{kind:<24}{'-' if half is None else f'{half:.1f}':>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)
+
+
+def size(name: str, value: float) -> float:
+    """Of a lag or a filter its time, not its bandwidth."""
+    return 1.0 / value if name.endswith(".bandwidth") else value
 
 
 def large(values: Mapping[str, float], name: str) -> float:
