@@ -57,10 +57,13 @@ def test_rivals_of_a_part_stay_rivals():
     assert found.between == ("quadratic-drag", "load-step", UNLISTED) and found.causes == ()
 
 
-@pytest.mark.parametrize(("code", "sure", "verdict"), [
-    ("torque-ripple", False, "undetermined"), ("torque-ripple", True, "named"), ("load-step", False, "named")])
-def test_a_name_takes_blocks_that_agree_except_on_an_event(code, sure, verdict):
-    found = judged(search_with(code, gain=17.9, gain_std=11.4, sure=sure), CLEAN, gain(1.0, 0.9), 0.001)
+@pytest.mark.parametrize(("code", "worth", "sure", "verdict"), [
+    ("torque-ripple", 17.9, False, "undetermined"), ("torque-ripple", 17.9, True, "named"),
+    ("torque-ripple", 90.0, False, "undetermined"), ("load-step", 90.0, False, "named"),
+    ("load-step", 35.8, False, "undetermined"), ("load-step", 35.8, True, "named")])
+def test_a_name_takes_blocks_that_agree_except_on_a_plain_event(code, worth, sure, verdict):
+    """Breakaway friction, left out of the catalogue, was named a load step of 35.8 +- 24.3 at a reversal."""
+    found = judged(search_with(code, gain=worth, gain_std=0.7 * worth, sure=sure), CLEAN, gain(1.0, 0.9), 0.001)
     assert found.verdict == verdict
     assert found.between == ((code, UNLISTED) if verdict == "undetermined" else ())
     assert found.doubt == (SCATTER if verdict == "undetermined" else "")

@@ -20,6 +20,7 @@ WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes t
 PART = 0.3  # of that error, or of what could be explained, that is part of the answer
 SURELY = 2.0  # standard errors of a gain on data held out
 EVENTS = ("load-step", "friction-drift")  # which blocks of a record see unequally
+PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say: visible to the eye
 SCATTER = "data held out tell it by less than two standard errors"
 SEVERAL = "a load that changes several times can stand in for a law, and what it leaves is not noise alone"
 
@@ -104,10 +105,13 @@ def helped(search: Search, gain: Gain) -> bool:
 
 
 def hardly_told(search: Search) -> list[str]:
-    """The causes of which the blocks held out hardly agree that they are there at all, events aside."""
+    """The causes of which the blocks held out hardly agree that they are there at all, plain events aside.
+
+    A small step at a reversal is what breakaway friction leaves that no candidate says.
+    """
     return [c.code for one in search.rounds for c in one.candidates
-            if c.code == one.cause and c.code in search.found.causes and c.code not in EVENTS
-            and not c.sure and c.code not in search.found.sure]
+            if c.code == one.cause and c.code in search.found.causes and not c.sure
+            and c.code not in search.found.sure and not (c.code in EVENTS and (c.gain or 0.0) > PLAIN)]
 
 
 def stands_in(search: Search) -> bool:
