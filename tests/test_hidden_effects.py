@@ -33,8 +33,9 @@ MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.
         # A slow drive: what the start state is, a tenth of a second does not tell.
         pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.study),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
-        ("third-mass", 50007, {"seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"),
-                               "record": "one-directional", "noise": "loud"} | SHORT),
+        pytest.param("third-mass", 50007, {
+            "seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"), "record": "one-directional",
+            "noise": "loud"} | SHORT, marks=pytest.mark.study),
         # In every one of several records.
         pytest.param("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT,
                      marks=pytest.mark.study),

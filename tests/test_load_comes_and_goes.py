@@ -44,6 +44,7 @@ def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path
     assert "load.step3_torque" not in answer.parameters
 
 
+@pytest.mark.study
 def test_a_ripple_is_found_on_an_axis_that_turns_back_and_forth_by_one_turn(tmp_path):
     case = make_case("none", 941, seed=3, duration=8.0)
     rig, size, order = case.rig, round(8.0 / STEP), 6.0
