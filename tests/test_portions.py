@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
+import pytest
 import yaml
 
+from drivetool.errors import NotEnoughData
+from drivetool.identify.portions import by_portions
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 
@@ -25,3 +31,21 @@ def test_two_starts_that_agree_on_a_lower_peak_do_not_decide(tmp_path: Path):
     for name, true in {k: v for effect in hidden for k, v in effect["truth"].items()}.items():
         assert abs(lines[name]["value"] - true) < 3.0 * lines[name]["std"], name
         assert lines[name]["std"] < 0.02 * true
+
+
+@pytest.mark.parametrize("error", [NotEnoughData("a longer record", "a short one", "Record longer."),
+                                   np.linalg.LinAlgError()])
+def test_a_part_that_cannot_be_fitted_takes_nothing_down(error):
+    experiment = SimpleNamespace(size=100, step=1e-3, between=lambda *_: experiment)
+
+    @dataclass(frozen=True)
+    class Asked:
+        experiments: tuple = (experiment,)
+
+        def at_point(self, _):
+            return self
+
+    def fails(*_):
+        raise error
+
+    assert by_portions(Asked(), SimpleNamespace(point=None, noise=None, value=0.0), fails) == []

@@ -20,7 +20,7 @@ WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes t
 PART = 0.3  # of that error, or of what could be explained, that is part of the answer
 SURELY = 2.0  # standard errors of a gain on data held out
 EVENTS = ("load-step", "friction-drift")  # which blocks of a record see unequally
-PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say: visible to the eye
+PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say
 SCATTER = "data held out tell it by less than two standard errors"
 SEVERAL = "a load that changes several times can stand in for a law, and what it leaves is not noise alone"
 

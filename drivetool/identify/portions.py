@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
+from drivetool.errors import DriveToolError
 from drivetool.identify.innovations import Fit
 from drivetool.identify.noise import Noise
 from drivetool.identify.search import CONFIRMED, Descent
@@ -27,8 +30,11 @@ def by_portions(task: Task, best: Fit, again: Callable[[Task, Noise], Outcome]) 
     task, found = task.at_point(best.point), []
     for share in SHARES:
         part = replace(task, experiments=tuple(e.between(0.0, share * e.size * e.step) for e in task.experiments))
-        first = again(part, best.noise)
-        end = again(task.at_point(first.solution.point), first.fit.noise).fit
+        try:
+            first = again(part, best.noise)
+            end = again(task.at_point(first.solution.point), first.fit.noise).fit
+        except (DriveToolError, np.linalg.LinAlgError):  # too short a part, say: what was found without stands
+            continue
         start = dict(zip(task.free, first.solution.point.values.tolist(), strict=True))
         found.append(Descent(start, f"first {100 * share:.0f} % and exact", end.value, end))
-    return found if min(d.value for d in found) < best.value - CONFIRMED else []
+    return found if min((d.value for d in found), default=np.inf) < best.value - CONFIRMED else []
