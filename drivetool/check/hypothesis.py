@@ -96,7 +96,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
             begun.append(begin(base, start, masks, CAUSES[candidate.code].sizes))
         except BROKEN as error:
             reason = str(error)
-    resolved = dict(before.smallest) if before is not None else _resolved(begun) or _traced(candidate, base)
+    resolved = dict(before.smallest) if before is not None else _resolved(begun) or traced(candidate, base)
     begun = _promising(begun)
     if begun and begun[0].promise < TRIFLE:
         return _screened(candidate, resolved)
@@ -294,8 +294,11 @@ def _again(base: Model, model: Model) -> Start:
     return Start(fitted.at({n: drive.value(n) for n in base.task.free}), ())
 
 
-def _traced(candidate: Candidate, base: Model) -> dict[str, float]:
-    """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any."""
+def traced(candidate: Candidate, base: Model, variance: float | None = None) -> dict[str, float]:
+    """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any.
+
+    variance  of the one-step errors over what the noise foretells; None: as the base leaves them
+    """
     if candidate.trace is None:
         return {}
     start = candidate.trace(base)
@@ -303,7 +306,10 @@ def _traced(candidate: Candidate, base: Model) -> dict[str, float]:
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     point = carried(base, task, problem)
     try:
-        _, std, _ = linear_step(problem, normal_under(problem, point, base.noise), np.ones(len(task.free), bool))
+        normal = normal_under(problem, point, base.noise)
+        if variance is not None:
+            normal = replace(normal, cost=variance * (problem.count - problem.unknowns))
+        _, std, _ = linear_step(problem, normal, np.ones(len(task.free), bool))
     except BROKEN:
         return {}
     new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}

@@ -22,6 +22,7 @@ from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import Model
 from drivetool.check.model_run import run_model
 from drivetool.check.sentence import experiment_of, sentence_of
+from drivetool.check.smallest import resolved_by
 from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
@@ -59,7 +60,8 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
-        sizes = _visible(t.smallest, FAST * base.problem.traces[0].step)
+        found = t.smallest if s is None or code not in decision.between else resolved_by(t, s.model, base)
+        sizes = _visible(found, FAST * base.problem.traces[0].step)
         if t.absent is not None:
             lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
         elif s is None:

@@ -1,8 +1,8 @@
 """What not knowing how strong the torque noise is adds to the covariance of the parameters.
 
 A weak torque noise hides behind the sensor's: the likelihood of its ratio is then flat from zero on, its peak is
-often at zero, and there the intervals are those of a torque that is known exactly. So the covariance is averaged
-over what the ratio may be.
+often at zero, and there the intervals are those of a torque that is known exactly. So the intervals are those of
+an estimate averaged over what the ratio may be.
 """
 
 from __future__ import annotations
@@ -11,16 +11,19 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from drivetool.identify.innovations import Fit
 from drivetool.identify.least_squares import Solution, marquardt_step
 from drivetool.identify.noise import integrated, natural_ratio
 from drivetool.identify.problem import Problem
-from drivetool.identify.results import covariance_of
+from drivetool.identify.results import Z95, covariance_of
 
 KNOWN = 400.0  # looks at the torque noise from which its strength is known to a tenth
 UNLIKELY = 8.0  # log likelihood below the best at which a ratio counts no more
 DOUBLINGS = 24  # of the ratio, at most
+LEVEL = 0.95  # of an interval
+FURTHEST, HALVINGS = 3.0, 40  # standard deviations within which its ends are, and steps to find them
 
 
 def from_noise_doubt(problem: Problem, fit: Fit) -> np.ndarray | None:
@@ -39,16 +42,37 @@ def from_noise_doubt(problem: Problem, fit: Fit) -> np.ndarray | None:
     found = list(_likely(problem, fit, one_look))
     if not found:
         return None
-    ratios, values, squares = (np.array(column) for column in zip(*found, strict=True))
+    ratios, values, steps, covariances = (np.array(column) for column in zip(*found, strict=True))
     # Evenly spaced in the logarithm, so each stands for a stretch as long as itself.
-    average = np.average(squares, axis=0, weights=ratios * np.exp(values.min() - values))
+    weights = ratios * np.exp(values.min() - values)
+    average = np.average(covariances + steps[:, :, None] * steps[:, None, :], axis=0, weights=weights)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+        wider = half_width(weights, steps, spread) / (Z95 * np.sqrt(np.diag(average)))
     own, _, _ = covariance_of(problem, fit.solution)
-    extra = average - own
+    extra = np.outer(wider, wider) * average - own
     return np.where(np.isfinite(extra), extra, 0.0)
 
 
-def _likely(problem: Problem, fit: Fit, least: float) -> Iterator[tuple[float, float, np.ndarray]]:
-    """Per ratio, from the likeliest up, then down: itself, its restricted -log likelihood, mean square (k, k)."""
+def half_width(weights: np.ndarray, steps: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """(k,) half width about zero that holds 95 % of a mixture of Gaussians, whose tails are heavier than one's.
+
+    weights  (m,) of the parts; steps, spread: (m, k) their means and standard deviations
+    """
+    weights = weights / weights.sum()
+    low, high = np.zeros(steps.shape[1]), np.max(np.abs(steps) + FURTHEST * spread, axis=0)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        held = weights @ (ndtr((middle - steps) / spread) - ndtr((-middle - steps) / spread))
+        low, high = np.where(held < LEVEL, middle, low), np.where(held < LEVEL, high, middle)
+    return 0.5 * (low + high)
+
+
+def _likely(problem: Problem, fit: Fit, least: float) -> Iterator[tuple[float, float, np.ndarray, np.ndarray]]:
+    """Per ratio, from the likeliest up, then down: itself, its restricted -log likelihood, estimate and covariance.
+
+    That is where the parameters would be under it, from where they are (k,), and with what covariance (k, k).
+    """
     first, best = max(fit.noise.ratio, least), np.inf
     for powers in (range(DOUBLINGS), range(-1, -DOUBLINGS, -1)):
         for k in powers:
@@ -59,4 +83,4 @@ def _likely(problem: Problem, fit: Fit, least: float) -> Iterator[tuple[float, f
             best = min(best, value)
             step, _ = marquardt_step(problem, fit.point, normal, 1e-12)
             covariance, _, _ = covariance_of(problem, Solution(fit.point, normal, 0, True))
-            yield ratio, value, covariance + np.outer(step, step)
+            yield ratio, value, step, covariance
