@@ -104,6 +104,15 @@ def test_rivals_that_look_alike_tie_where_the_whole_record_is_as_likely(lead, ti
     assert not ties(score(lead, 1.2 * AGREES), best)  # others are told apart by data held out
 
 
+@pytest.mark.parametrize(("lead", "tied"), [(275.0, True), (200.0, False)])
+def test_what_blocks_tell_by_half_the_whole_record_may_tell(lead, tied):
+    """Blocks scatter by more than they differ on average: then a tenth of what the best cause is worth decides."""
+    scattered = 20.0 + 100.0 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    best = score(300.0, 60.0 + scattered, code="backlash")
+    assert ties(score(lead, np.full(8, 60.0), code="hardening-stiffness"), best) == tied
+    assert ties(score(lead, np.full(8, 60.0), code="quadratic-drag"), best)  # by data held out alone
+
+
 @pytest.mark.parametrize(("rival", "tied"), [("converter-lag", True), ("dead-time", False)])
 def test_where_noise_enters_tells_no_lag_from_a_filter(rival, tied):
     """As little as the motion does: a lag of the torque makes that of a filter, and a dead time does not."""

@@ -15,6 +15,8 @@ CLOSE = 2.0  # standard errors within which two causes explain the record equall
 PLAIN = 20.0  # log likelihood that counts as a difference where nearly all blocks agree on it
 LEAST = 4.0  # log likelihood that is a tie whatever the scatter says
 SHARE = 0.5  # of the best gain that a tie must have
+AHEAD = 30.0  # log likelihood on the whole record by which a cause is no longer like another one
+MUCH = 0.1  # of its lead over the base, the same: no law is exact to less
 SURPLUS = 2.0  # log likelihood that each further parameter of a law must bring over its special case
 LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
 
@@ -102,7 +104,8 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
     Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945). Not
     for causes that are known to look alike: a filter and a lag, say, differ in what they make of the noise only.
     Of these none is better whose whole record is no likelier: what blocks say then is how well half of them was
-    fitted. Nor is a lag or a filter whose motion the other makes as well, however much likelier the noise is.
+    fitted. Nor is a lag or a filter whose motion the other makes as well, however much likelier the noise is. But
+    what is ahead on data held out and much likelier on the whole record no longer looks alike.
     """
     difference = best.gains - one.gains
     error = np.sqrt(len(difference)) * np.std(difference, ddof=1)
@@ -117,7 +120,8 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
     if difference.sum() >= max(CLOSE * error, LEAST):
         return False
     if alike:
-        return True
+        ahead = best.lead - one.lead - SURPLUS * (best.further - one.further)
+        return not (difference.sum() > 0.0 and ahead > max(AHEAD, MUCH * best.lead))
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
 

@@ -46,6 +46,7 @@ class Model:
     task     the drive with its free parameters; problem: the same over the records
     point    the estimate, noise its noise model
     value    -log likelihood over the samples that counted
+    moving   by how much the last round of its fit still lowered it
     """
 
     code: str
@@ -54,6 +55,7 @@ class Model:
     point: Point
     noise: Noise
     value: float
+    moving: float = 0.0
 
     @property
     def fitted(self) -> Task:
@@ -119,7 +121,7 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
     hold    (k,) parameters that do not move in the first round
     most    steps per round
     """
-    value = judge(problem, point, noise, masks)
+    value, gain = judge(problem, point, noise, masks), 0.0
     for number in range(rounds):
         solution = _round(problem, point, noise, masks, most, hold if number == 0 else None)
         trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
@@ -131,7 +133,7 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
         gain, point, value = value - worth, trial, worth
         if gain < SETTLED and number > 0:
             break
-    return Model(code, replace(task, drive=task.drive), problem, point, noise, value)
+    return Model(code, replace(task, drive=task.drive), problem, point, noise, value, gain)
 
 
 def at_rest(model: Model, masks: Masks) -> Model:

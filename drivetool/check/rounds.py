@@ -10,6 +10,7 @@ import numpy as np
 
 from drivetool.check.afresh import at_start, beside_gap, likelier, returned, strayed
 from drivetool.check.afterwards import SPOILT, doubts_again, drop_needless
+from drivetool.check.arrival import all_arrived
 from drivetool.check.between_records import Change, change_between
 from drivetool.check.candidates import CANDIDATES, Candidate
 from drivetool.check.causes import CAUSES
@@ -167,6 +168,7 @@ class Search:
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted", pool.map(
                 lambda t: with_further_steps(beside_gap(
                     polished(t, self.masks, stand), begun, self.masks), stand, self.masks), likely), len(likely))
+            fitted = all_arrived(list(fitted), stand, self.masks, pool)
             ends = self._with_special_cases(fitted)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))

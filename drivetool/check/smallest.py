@@ -20,6 +20,8 @@ def resolved_by(tried: Tried, model: Model, base: Model) -> dict[str, float]:
     A base that lacks a cause takes much of it for noise, and what that hides would count as not seen. A gap or a
     delay is told from hardly any of it, in the drive that is left without.
     """
+    if not tried.smallest:
+        return {}
     try:
         normal = normal_under(model.problem, model.point, model.noise)
         found = _amplitudes(tried, model, base, normal)

@@ -1,0 +1,34 @@
+"""A gap that the base takes for torque noise thousands of times too loud: its fit has a long way to go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.hidden.command import read, run
+
+RIG = Path(__file__).parent.parent / "fixtures" / "rig"
+
+
+def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(tmp_path):
+    """The base knows the drive from steps that keep the gap closed; both records here cross it all the time."""
+    truth = yaml.safe_load((RIG / "truth.yaml").read_text())["parameters"]
+    plain = {name: section["value"] for name, section in truth.items()}
+    start = {name: 1.1 * plain[name] for name in plain if name.endswith(("inertia", "stiffness", "shaft.damping"))}
+    start |= {"total.viscous": 0.002, "total.idle_torque": 14.0}
+    content = {"schema": "drivetool/parameters/1", "drive": {"name": "two-mass"}, "parameters": start}
+    (tmp_path / "start.yaml").write_text(yaml.safe_dump(content))
+    done = run(tmp_path, ["greybox", RIG / "steps.parquet", "--params", "start.yaml", "--out", "base.yaml"])
+    assert done.returncode in (0, 3), done.stderr
+    done = run(tmp_path, ["diagnose", RIG / "gap.parquet", "--params", "base.yaml", "--holdout",
+                          RIG / "gap_holdout.parquet", "--out", "extended.yaml", "--candidates",
+                          "backlash,hardening-stiffness"])
+    answer = read(tmp_path / "extended.yaml", done.stderr)
+    assert (answer.verdict, answer.causes) == ("named", ("backlash",))
+    gap = answer.parameters["shaft.half_gap"]
+    assert abs(gap["value"] - plain["shaft.half_gap"]) < 3.0 * gap["std"] < 0.002 * plain["shaft.half_gap"]
+    # What was fitted to one record foretells the other to nearly its sensor's noise, over all six blocks.
+    assert answer.gain["held_out_rmse_after"] < 2.0 * answer.gain["noise_floor"]
+    assert answer.gain["held_out_rmse_before"] == pytest.approx(5.1, rel=0.1)
