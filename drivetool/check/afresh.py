@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from drivetool.check.hypothesis import BROKEN, TRIFLE, Tried
-from drivetool.check.model import Masks, Model, at_rest, fit, from_start
+from drivetool.check.hypothesis import TRIFLE, Tried
+from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, from_start
 from drivetool.identify.cooling import BOX, SHAPE
 from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.setup import first_point

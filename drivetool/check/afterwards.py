@@ -12,10 +12,9 @@ from drivetool.check.candidates import CANDIDATES
 from drivetool.check.decide import decide
 from drivetool.check.diagnosis import Round
 from drivetool.check.heldout import score
-from drivetool.check.hypothesis import BROKEN
 from drivetool.check.imitation import imitates
 from drivetool.check.judgement import hardly_told
-from drivetool.check.model import Model
+from drivetool.check.model import BROKEN, Model
 from drivetool.check.needless import renamed, spared, without_them
 from drivetool.check.remainder import remainder
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
-from drivetool.check.hypothesis import BROKEN, Tried
-from drivetool.check.model import SETTLED, Masks, Model, fit
+from drivetool.check.hypothesis import Tried
+from drivetool.check.model import BROKEN, SETTLED, Masks, Model, fit
 
 ONWARD = 12  # further fits, at most
 CREEP = 0.003  # of what a model gains over its base, in one round, from which it is on its way

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.heldout import Fold, refit
-from drivetool.check.hypothesis import BROKEN
 from drivetool.check.linear_step import linear_step
-from drivetool.check.model import Model, renewed
+from drivetool.check.model import BROKEN, Model, renewed
 from drivetool.check.remainder import remainder
 from drivetool.errors import Finding
 from drivetool.identify.noise import normal_under

@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.candidates import CANDIDATES, Start, torque_size
-from drivetool.check.hypothesis import BROKEN
-from drivetool.check.model import Masks, Model, at_rest, fit, judge
+from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, judge
 from drivetool.check.structure import carried
 from drivetool.identify.engine import Task, by_cooling
 from drivetool.identify.innovations import Fit

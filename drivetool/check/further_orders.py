@@ -6,8 +6,8 @@ import numpy as np
 
 from drivetool.check.candidates import Start, added, present
 from drivetool.check.heldout import unlikely
-from drivetool.check.hypothesis import BROKEN, TRIFLE, begin
-from drivetool.check.model import Masks, Model, fit
+from drivetool.check.hypothesis import TRIFLE, begin
+from drivetool.check.model import BROKEN, Masks, Model, fit
 from drivetool.check.scan import likely_orders
 from drivetool.drive.effects.ripple import KINDS, RIPPLES
 

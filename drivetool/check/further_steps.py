@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from drivetool.check.candidates import with_steps
-from drivetool.check.hypothesis import BROKEN, TOLD, TRIFLE, Tried, begin, values_of
+from drivetool.check.hypothesis import TOLD, TRIFLE, Tried, begin, values_of
 from drivetool.check.instants import load_steps
-from drivetool.check.model import Masks, Model, fit
+from drivetool.check.model import BROKEN, Masks, Model, fit
 from drivetool.check.needless import without_them
 from drivetool.check.structure import carried
 from drivetool.drive.effects.load_step import STEPS, TIMES, TORQUES

@@ -12,10 +12,10 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
 from drivetool.check.linear_step import alone, linear_step
-from drivetool.check.model import Masks, Model, fit, judge
+from drivetool.check.model import BROKEN, Masks, Model, fit, judge
+from drivetool.check.smallest import resolved_at
 from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
-from drivetool.errors import DriveToolError
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step
 from drivetool.identify.noise import normal_under
@@ -36,7 +36,6 @@ HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a 
 THIRD = 10.0  # by which inertia, stiffness and damping of a third mass may leave their start
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
-BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
             begun.append(begin(base, start, masks, CAUSES[candidate.code].sizes))
         except BROKEN as error:
             reason = str(error)
-    resolved = dict(before.smallest) if before is not None else _resolved(begun) or traced(candidate, base)
+    resolved = dict(before.smallest) if before is not None else resolved_at(base, candidate, [b.std for b in begun])
     begun = _promising(begun)
     if begun and begun[0].promise < TRIFLE:
         return _screened(candidate, resolved)
@@ -292,37 +291,6 @@ def _again(base: Model, model: Model) -> Start:
     if fitted.drive.bodies != drive.bodies:
         return Start(fitted, ())
     return Start(fitted.at({n: drive.value(n) for n in base.task.free}), ())
-
-
-def traced(candidate: Candidate, base: Model, variance: float | None = None) -> dict[str, float]:
-    """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any.
-
-    variance  of the one-step errors over what the noise foretells; None: as the base leaves them
-    """
-    if candidate.trace is None:
-        return {}
-    start = candidate.trace(base)
-    task = start.task
-    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    point = carried(base, task, problem)
-    try:
-        normal = normal_under(problem, point, base.noise)
-        if variance is not None:
-            normal = replace(normal, cost=variance * (problem.count - problem.unknowns))
-        _, std, _ = linear_step(problem, normal, np.ones(len(task.free), bool))
-    except BROKEN:
-        return {}
-    new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}
-    return {n: float(std[j] / point.values[j] ** 2 if n.endswith(".bandwidth") else std[j]) for n, j in new.items()}
-
-
-def _resolved(begun: Sequence[Begun]) -> dict[str, float]:
-    """Amplitude -> its standard deviation in the middle of the starts, of several speeds, orders or instants."""
-    found: dict[str, list[float]] = {}
-    for b in begun:
-        for name, std in b.std.items():
-            found.setdefault(name, []).append(std)
-    return {name: float(np.quantile(each, 0.5, method="lower")) for name, each in found.items()}
 
 
 def _promising(begun: Sequence[Begun]) -> list[Begun]:

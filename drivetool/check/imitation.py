@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.heldout import Score
-from drivetool.check.hypothesis import BROKEN
-from drivetool.check.model import Model, everything, spread
+from drivetool.check.model import BROKEN, Model, everything, spread
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, with_state
 

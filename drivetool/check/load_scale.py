@@ -12,9 +12,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from drivetool.check.hypothesis import BROKEN
 from drivetool.check.linear_step import linear_step
-from drivetool.check.model import Model, from_start
+from drivetool.check.model import BROKEN, Model, from_start
 from drivetool.check.preflight import Fault, load_fault, load_over
 from drivetool.drive.chain import Drive
 from drivetool.identify.engine import Task

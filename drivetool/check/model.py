@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.simulate import Filtered, Gains
+from drivetool.errors import DriveToolError
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.noise import (
@@ -30,6 +31,7 @@ from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
+BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
 ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
 TURNS = 6  # of torque noise and sensor noises, at most
 LOUD = 300.0  # times the torque noise that moves the first sensor by its own noise in a sample

@@ -11,8 +11,8 @@ from drivetool.check.candidates import CANDIDATES
 from drivetool.check.diagnosis import Round
 from drivetool.check.found import Found
 from drivetool.check.heldout import unlikely
-from drivetool.check.hypothesis import BROKEN, TRIFLE
-from drivetool.check.model import Masks, Model, fit
+from drivetool.check.hypothesis import TRIFLE
+from drivetool.check.model import BROKEN, Masks, Model, fit
 from drivetool.check.structure import carried, third_of, tip_names, without_third
 from drivetool.drive.chain import Drive
 

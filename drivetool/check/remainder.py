@@ -9,8 +9,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from drivetool.check.hypothesis import BROKEN
-from drivetool.check.model import Masks, Model, everything, fit, sensor_std, spread
+from drivetool.check.model import BROKEN, Masks, Model, everything, fit, sensor_std, spread
 from drivetool.check.preflight import COARSE
 from drivetool.check.resolution import resolution
 from drivetool.drive.simulate import Filtered, Gains

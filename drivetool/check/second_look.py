@@ -16,8 +16,7 @@ from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round
 from drivetool.check.found import Found
 from drivetool.check.heldout import lead_in_blocks, score
-from drivetool.check.hypothesis import BROKEN
-from drivetool.check.model import Model, at_rest, sensor_std
+from drivetool.check.model import BROKEN, Model, at_rest, sensor_std
 from drivetool.check.remainder import remainder
 from drivetool.check.rounds import Search
 from drivetool.check.sentence import taken_for_noise

@@ -17,12 +17,12 @@ from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hum import hum
-from drivetool.check.hypothesis import BROKEN, FAST, TRIFLE, Tried, values_of
+from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
-from drivetool.check.model import Model
+from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
 from drivetool.check.sentence import experiment_of, sentence_of
-from drivetool.check.smallest import resolved_by
+from drivetool.check.smallest import VISIBLE, resolved_by
 from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
@@ -39,9 +39,6 @@ from drivetool.identify.uncrossed import all_uncrossed, from_below
 if TYPE_CHECKING:
     from drivetool.check.rounds import Search
 
-# Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
-# likelihood at which `surprise` reaches a hundred.
-VISIBLE = 6.0
 SHOWN = 3.0  # standard deviations from which a parameter of the base is one
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 SLOWER = 0.7  # of the rate at which torque noise forgets
@@ -60,7 +57,8 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
         common = (code, LAWS.get(t.candidate.effect, ""))
-        found = t.smallest if s is None or code not in decision.between else resolved_by(t, s.model, base)
+        found = t.smallest if s is None or code not in decision.between else resolved_by(
+            t.candidate, t.smallest, s.model, base)
         sizes = _visible(found, FAST * base.problem.traces[0].step)
         if t.absent is not None:
             lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))

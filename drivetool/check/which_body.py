@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.candidates import ends, turns
-from drivetool.check.hypothesis import BROKEN
-from drivetool.check.model import Masks, Model, at_rest, fit
+from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
 
