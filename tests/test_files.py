@@ -264,6 +264,9 @@ def test_names_follow_the_records(tmp_path):
     assert plots.file_names(EXHIBITS[:2], "steady", ["a.parquet", "b.mcap"]) == [
         "steady-a-record.png", "steady-b-record.png"]
     assert plots.file_names(EXHIBITS[:2], "steady", ["a.parquet", "a.mcap"])[0] == "steady-1-record.png"
+    rounds = [Exhibit("diagnosis-candidates", "Causes", "x", "y", {})] * 2  # as many as records, but not theirs
+    assert plots.file_names(rounds, "diagnose", ["a.parquet", "b.mcap"]) == [
+        "diagnose-round-1-diagnosis-candidates.png", "diagnose-round-2-diagnosis-candidates.png"]
     (tmp_path / "file").touch()
     with pytest.raises(BadOption, match="another folder"):
         plots.draw_all([], tmp_path / "file" / "x", "s")

@@ -17,6 +17,8 @@ from drivetool.identify.estimate import Exhibit
 if TYPE_CHECKING:
     from drivetool.logs.experiment import Experiment
 
+PER_ROUND = ("diagnosis-candidates",)
+
 
 def draw_all(exhibits: Sequence[Exhibit], folder: str | Path, step: str,
              records: Sequence[str] = ()) -> list[str]:
@@ -40,7 +42,7 @@ def draw_all(exhibits: Sequence[Exhibit], folder: str | Path, step: str,
 
 
 def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -> list[str]:
-    """'greybox-steps-record.png'; numbers where there is not one exhibit per record."""
+    """'greybox-steps-record.png'; numbers where there is not one exhibit per record, but per round, say."""
     many = Counter(exhibit.kind for exhibit in exhibits)
     stems = [PurePath(record).stem for record in records]
     seen: Counter[str] = Counter()
@@ -49,7 +51,9 @@ def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -
         kind = exhibit.kind
         index = seen[kind]
         seen[kind] += 1
-        if many[kind] == len(stems) == len(set(stems)):
+        if kind in PER_ROUND:
+            part = f"-round-{index + 1}"
+        elif many[kind] == len(stems) == len(set(stems)):
             part = f"-{stems[index]}"
         else:
             part = f"-{index + 1}" if many[kind] > 1 else ""
