@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
-from drivetool.check import story
+from drivetool.check import rounds, story
 from drivetool.check.candidates import CANDIDATES
 from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.folds import blocks_of
@@ -94,6 +95,24 @@ def test_a_law_is_no_discovery_where_its_special_case_is_as_likely():
     for lead, named in ((503.0, "coulomb-load"), (505.0, "stribeck-load")):
         general = score(lead, 1.5 * AGREES, further=3, code="stribeck-load")
         assert decide([simple, general], 0.01).best.model.code == named
+
+
+def test_a_special_case_that_lost_its_way_is_begun_where_the_law_ended(monkeypatch):
+    """Dry friction of 29 % of the rated torque, given up after a few steps, was named breakaway friction."""
+    begun = []
+
+    def refitted(simple, general, masks):
+        begun.append((simple.candidate.code, general.candidate.code))
+        return simple if simple.candidate.code == "coulomb-motor" else replace(simple, promise=9.0)
+
+    monkeypatch.setattr(rounds, "as_special_case", refitted)
+    tried = [Tried(c, (), {}) for c in CANDIDATES if c.code in (
+        "coulomb-motor", "coulomb-load", "stribeck-motor", "stribeck-load", "imbalance")]
+    fitted = [t for t in tried if t.candidate.code.startswith("stribeck")]
+    ends = Search._with_special_cases(SimpleNamespace(masks=()), fitted, tried)
+    assert begun == [("coulomb-motor", "stribeck-motor"), ("coulomb-load", "stribeck-load")]
+    assert set(ends) == {"stribeck-motor", "stribeck-load", "coulomb-load"}  # what is no better stays given up
+    assert ends["coulomb-load"].promise == 9.0
 
 
 @pytest.mark.parametrize(("lead", "tied"), [(300.0, True), (290.0, False)])

@@ -169,17 +169,23 @@ class Search:
                 lambda t: with_further_steps(beside_gap(
                     polished(t, self.masks, stand), begun, self.masks), stand, self.masks), likely), len(likely))
             fitted = all_arrived(list(fitted), stand, self.masks, pool)
-            ends = self._with_special_cases(fitted)
+            ends = self._with_special_cases(fitted, tried)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
                              strict=True))
         return [sized.get(t.candidate.code, t) for t in tried]
 
-    def _with_special_cases(self, tried: Iterable[Tried]) -> dict[str, Tried]:
-        """The causes by code, each no less likely than a law that contains it makes it."""
+    def _with_special_cases(self, tried: Iterable[Tried], given_up: Sequence[Tried] = ()) -> dict[str, Tried]:
+        """The causes by code, each no less likely than a law that contains it makes it.
+
+        given_up  causes after a few steps: a special case among them may have lost its way in these
+        """
         ends = {t.candidate.code: t for t in tried}
+        all_codes = {**{t.candidate.code: t for t in given_up}, **ends}
         for code in [c for c in ends if c in NESTED]:
-            for simple in [c for c in NESTED[code] if c in ends]:
-                ends[simple] = as_special_case(ends[simple], ends[code], self.masks)
+            for simple in [c for c in NESTED[code] if c in all_codes]:
+                found = as_special_case(all_codes[simple], ends[code], self.masks)
+                if simple in ends or found is not all_codes[simple]:
+                    ends[simple] = found
         return ends
 
     def _likely(self, tried: Sequence[Tried], promised: bool = False, over: Model | None = None) -> list[Tried]:
