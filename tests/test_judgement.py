@@ -57,6 +57,15 @@ def test_rivals_of_a_part_stay_rivals():
     assert found.between == ("quadratic-drag", "load-step", UNLISTED) and found.causes == ()
 
 
+@pytest.mark.parametrize(("share", "after", "more"), [
+    (2.4, 1.9, (UNLISTED,)),  # a gap five times the twist, of which a motor encoder alone shows the knocks
+    (2.4, 0.31, ()),  # little more than the sensor's noise is left
+    (0.001, 1.9, ())])
+def test_rivals_beside_a_torque_noise_that_is_none_may_be_neither(share, after, more):
+    found = judged(search_with("speed-filter", rivals=("converter-lag",)), CLEAN, gain(2.0, after), share)
+    assert (found.verdict, found.between) == ("undetermined", ("speed-filter", "converter-lag", *more))
+
+
 @pytest.mark.parametrize(("code", "worth", "sure", "verdict"), [
     ("torque-ripple", 17.9, False, "undetermined"), ("torque-ripple", 17.9, True, "named"),
     ("torque-ripple", 90.0, False, "undetermined"), ("load-step", 90.0, False, "named"),

@@ -53,6 +53,8 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
         left = f"{gain.unexplained_percent:.0f} % of what could be explained is left"
         between = dict.fromkeys((*search.found.causes, *search.found.between, UNLISTED))
         return Judgement("undetermined", faults, tuple(between), left)
+    if found.verdict == "undetermined" and search.found.between and taken_for_noise(gain, share):
+        return replace(found, between=tuple(dict.fromkeys((*found.between, UNLISTED))))
     if found.verdict != "named" or not search.found.causes:
         return found
     if taken_for_noise(gain, share):

@@ -16,7 +16,7 @@ from drivetool.identify.noise import Noise, filtered, minus_log_likelihood, norm
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
-GAPS = np.geomspace(0.003, 3.0, 40)  # half gaps over the twist that the torque makes
+GAPS = np.geomspace(0.003, 300.0, 67)  # half gaps over the twist that the torque makes: a stiff shaft twists little
 TIMES = np.geomspace(0.4, 8.0, 14)  # frequencies of a third mass over that of the first resonance
 TRACE = 0.01  # share of the last inertia at which the effect of a third mass is in proportion to it
 BROAD = 0.1  # its damping ratio there: a sharper one would be missed between the frequencies

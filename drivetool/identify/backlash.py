@@ -34,7 +34,7 @@ from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
 
 # Half gaps to look at, over the twist that the torque of the record makes.
-SCAN = np.geomspace(0.01, 30.0, 160)
+SCAN = np.geomspace(0.01, 300.0, 205)
 VALLEYS = 3  # of the scan from which fits start
 SPREAD = [0.5, 2.0]  # further shares to start from
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
