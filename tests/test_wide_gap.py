@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from drivetool.check.candidates import torque_size
+from drivetool.check.model import everything, from_start
+from drivetool.check.scan import GAPS, half_gaps
+from drivetool.drive.chain import two_mass
+from drivetool.identify.engine import Task
+from drivetool.identify.setup import roles_of
+from tests.hidden import make_case
 from tests.hidden.command import read, run
+from tests.hidden.start import plain_values
+from tests.recover import experiment
 
 RIG = Path(__file__).parent.parent / "fixtures" / "rig"
 
@@ -32,3 +42,19 @@ def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(tmp_path)
     # What was fitted to one record foretells the other to nearly its sensor's noise, over all six blocks.
     assert answer.gain["held_out_rmse_after"] < 2.0 * answer.gain["noise_floor"]
     assert answer.gain["held_out_rmse_before"] == pytest.approx(5.1, rel=0.1)
+
+
+@pytest.mark.parametrize(("twists", "machine"), [(1.0, 96101), (5.0, 96105), (10.0, 96110)])
+def test_gaps_many_times_the_twist_are_looked_at(twists, machine):
+    """A stiff shaft in a worn coupling; the load has a sensor, without which nothing tells where it flies."""
+    case = make_case("backlash", machine, sensors=("motor_speed", "load_speed"), size=twists, seed=machine,
+                     duration=4.0)
+    logged = case.records[0].logged
+    record = experiment(logged["motor_torque"], logged["motor_speed"], load_speed=logged["load_speed"])
+    values = plain_values(case.rig)
+    drive = two_mass().with_values(values)
+    task = Task(drive, tuple(n for n in drive.quantities if n in values), roles_of([record], drive), (record,))
+    base = from_start(task, everything(task.problem()), rounds=0)
+    found = half_gaps(base, "shaft.half_gap", torque_size(base, "shaft"))
+    truth = case.hidden[0].truth["shaft.half_gap"]
+    assert min(abs(np.log(np.array(found) / truth))) < np.log(GAPS[1] / GAPS[0])  # from there a fit goes on
