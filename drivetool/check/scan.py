@@ -118,24 +118,36 @@ def likely_orders(base: Model) -> list[float]:
     grid = grid[grid < high]
     frequencies = np.linspace(0.0, HIGHEST / step, LINES + 1)
     response = disturbance_response(base, frequencies[1:])
-    response = np.vstack([np.zeros_like(response[:1]), response])
-    scores = np.zeros(len(grid))
-    shape = [np.exp(1j * grid[0] * a) for a in angles]
-    turn = [np.exp(1j * spacing * a) for a in angles]
-    for k, order in enumerate(grid):
-        upper, lower = 0.0 + 0.0j, 0.0
-        for e, v, s in zip(z, speeds, shape, strict=True):
-            line = np.rint(np.abs(v) * (order / (2.0 * np.pi * frequencies[1]))).astype(np.intp)
-            line[line > LINES] = 0  # too fast to be followed
-            for m, own in enumerate(response.T):
-                h = own[line]
-                h = np.where(v < 0.0, np.conj(h), h)
-                upper += e[:, m] @ (s * h)
-                lower += float(np.sum(np.abs(h) ** 2))
-        scores[k] = np.abs(upper) ** 2 / max(lower, 1e-300)
-        for j in range(len(shape)):
-            shape[j] *= turn[j]
+    upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
+    for e, angle, speed in zip(z, angles, speeds, strict=True):
+        for m, own in enumerate(response.T):
+            _add_orders(grid, e[:, m], angle, speed / (2.0 * np.pi * frequencies[1]), own, upper, lower)
+    scores = np.abs(upper) ** 2 / np.maximum(lower, 1e-300)
     return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
+
+
+def _add_orders(grid: np.ndarray, e: np.ndarray, angle: np.ndarray, rate: np.ndarray, response: np.ndarray,
+                upper: np.ndarray, lower: np.ndarray) -> None:
+    """Add what an output has of each order of a grid, and how much a torque of that order would leave there.
+
+    grid          (k,) orders, evenly spaced; rate: (n,) line of the response that a ripple of order one is at
+    response      (LINES,) of the output, from line one on
+    upper, lower  (k,) to be added to
+    """
+    # Backwards the response is conjugate; what is too fast to be followed has none.
+    table = np.concatenate(([0.0], np.conj(response[::-1]), [0.0], response, [0.0]))
+    power, middle = np.abs(table) ** 2, LINES + 1
+    shape, turn = e * np.exp(1j * grid[0] * angle), np.exp(1j * np.diff(grid[:2]).sum() * angle)
+    # Six thousand times over: without these each line would ask for memory anew, which takes longer than the sums.
+    place, line = np.empty(len(e)), np.empty(len(e), np.intp)
+    left, size = np.empty(len(e), complex), np.empty(len(e))
+    for k, order in enumerate(grid):
+        np.rint(np.multiply(rate, order, out=place), out=place)
+        np.clip(place, -middle, middle, out=place)
+        np.add(place, middle, out=line, casting="unsafe")
+        upper[k] += shape @ np.take(table, line, out=left, mode="clip")
+        lower[k] += np.take(power, line, out=size, mode="clip").sum()
+        shape *= turn
 
 
 def innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
