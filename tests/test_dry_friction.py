@@ -46,7 +46,7 @@ def pushes(machine: Machine, back: float) -> np.ndarray:
     return machine.rated_torque * np.concatenate(parts)
 
 
-@pytest.mark.parametrize("seed", [4, 9])
+@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.study)])
 def test_it_is_fitted_where_the_drive_hardly_turns_back(seed):
     machine = dry(seed)
     one, run = record(machine, pushes(machine, 0.08), at_rest(machine), seed)

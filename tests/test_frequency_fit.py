@@ -72,7 +72,7 @@ def start():
                                                                  strict=True)})
 
 
-@pytest.mark.parametrize("weighting", ["variance", "coherence"])
+@pytest.mark.parametrize("weighting", ["variance", pytest.param("coherence", marks=pytest.mark.study)])
 def test_the_truth_is_found_and_the_intervals_hold(weighting):
     """20 records x four parameters: 80 intervals, 76 expected to hold; below 68 is 4 std away.
 

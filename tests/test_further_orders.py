@@ -46,6 +46,7 @@ def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, k
     assert "motor.ripple3_order" not in found
 
 
+@pytest.mark.study
 def test_one_order_stays_one(tmp_path):
     _, answer = answer_to(tmp_path, 943, "reversing", (0.02, 6.0, 0.7))
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk

@@ -218,6 +218,7 @@ def test_what_the_plain_parameters_can_imitate_is_not_visible():
     assert forward.number < 0.01 < 10.0 < forward.before
 
 
+@pytest.mark.study
 def test_more_data_shows_more_and_pairs_are_told_apart():
     case = make_case("quadratic-drag", 2, size=0.005, records=2, **SHORT)
     alone = [visible(case, (), (record,)).number for record in case.records]
