@@ -16,12 +16,12 @@ RIVALS = ("backlash", "coulomb-load", "quadratic-drag")
 LONG = [("asymmetric-friction", 16)]
 # Half as long a record shows the others.
 SHORT = {"duration": 6.0}
-BRIEF = [("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4),
+BRIEF = [("friction-drift", 38), ("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4),
          ("hardening-stiffness", 11), ("load-step", 5), ("coulomb-load", 12), ("outliers", 10),
          ("quantisation", 21), ("wrong-sign", 8)]
 NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
 # Among fewer rivals.
-SOON = [("friction-drift", 38), ("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
+SOON = [("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
         ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42)]
 # Two at once, and other kinds of record.
 MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.study),

@@ -86,9 +86,7 @@ def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     assert np.sqrt(ks / jl) / 2 / np.pi == pytest.approx(54.0, abs=0.5)
 
 
-@pytest.mark.parametrize("rivals", [
-    (), pytest.param(("quadratic-drag", "stribeck-motor"), marks=pytest.mark.study)])
-def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path, rivals):
+def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path):
     """What least squares on the differentiated position says too, without any simulation (README)."""
     (tmp_path / "map.yaml").write_text("schema: drivetool/channel-map/1\nroles:\n"
                                        "  motor_torque: {channel: force, unit: N}\n"
@@ -100,7 +98,7 @@ def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path, ri
     done = run(tmp_path, ["greybox", log, *both, "--params", "start.yaml", "--out", "base.yaml"])
     assert done.returncode in (0, 3), done.stderr
     done = run(tmp_path, ["diagnose", log, *both, "--params", "base.yaml", "--out", "extended.yaml",
-                          "--candidates", ",".join(("asymmetric-friction", "torque-ripple", *rivals))])
+                          "--candidates", "asymmetric-friction,torque-ripple,quadratic-drag,stribeck-motor"])
     answer = read(tmp_path / "extended.yaml", done.stderr)
     assert answer.verdict == "undetermined" and answer.between == ("asymmetric-friction", "torque-ripple", UNLISTED)
     found = {name.removeprefix("motor."): p["value"] for name, p in answer.parameters.items()}
