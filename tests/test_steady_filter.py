@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.check import scan
 from drivetool.check.diagnose import base_model
 from drivetool.check.instants import _step_shape, load_steps
-from drivetool.check.scan import disturbance_response, likely_orders, steady_filter
+from drivetool.check.scan import HIGHEST, LINES, _add_orders, disturbance_response, likely_orders, steady_filter
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
@@ -108,3 +109,28 @@ def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
     base = base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
     way = np.ptp(np.cumsum(speed) * STEP)
     assert abs(likely_orders(base)[0] - order) < 2.0 * np.pi / way
+
+
+def test_the_score_of_an_order_is_what_its_shape_explains():
+    """Sample by sample, forwards and backwards: the response is conjugate there, and none where it is too fast."""
+    rng, grid = np.random.default_rng(1), np.array([2.0, 2.5, 3.0, 3.5])
+    e, rate = rng.normal(size=60), rng.normal(0.0, 500.0, 60)
+    angle, response = np.cumsum(rate), rng.normal(size=LINES) + 1j * rng.normal(size=LINES)
+    upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
+    _add_orders(grid, e, angle, rate, response, upper, lower)
+    for k, order in enumerate(grid):
+        line = np.rint(order * np.abs(rate)).astype(int)
+        own = [0.0 if not 0 < n <= LINES else response[n - 1] if r > 0.0 else response[n - 1].conjugate()
+               for n, r in zip(line, rate, strict=True)]
+        assert 0 < sum(n > LINES for n in line) < len(line)
+        assert upper[k] == pytest.approx(sum(e * own * np.exp(1j * order * angle)), rel=1e-9)
+        assert lower[k] == pytest.approx(np.sum(np.abs(own) ** 2), rel=1e-12)
+
+
+def test_a_motor_that_shakes_faster_than_a_ripple_is_followed_has_none(monkeypatch):
+    base, _ = one_sensor(4)
+    step, speed = base.problem.traces[0].step, np.resize([1.0, -1.0], base.problem.traces[0].size)
+    angle = np.concatenate(([0.0], np.cumsum(speed[:-1] * step)))
+    monkeypatch.setattr(scan, "innovations", lambda base: ([np.zeros((len(speed), 1))], [angle], [speed]))
+    assert 4.0 * np.pi / np.ptp(angle) > HIGHEST * 2.0 * np.pi / step
+    assert likely_orders(base) == []

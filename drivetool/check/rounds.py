@@ -180,11 +180,11 @@ class Search:
         given_up  causes after a few steps: a special case among them may have lost its way in these
         """
         ends = {t.candidate.code: t for t in tried}
-        all_codes = {**{t.candidate.code: t for t in given_up}, **ends}
+        known = {**{t.candidate.code: t for t in given_up}, **ends}
         for code in [c for c in ends if c in NESTED]:
-            for simple in [c for c in NESTED[code] if c in all_codes]:
-                found = as_special_case(all_codes[simple], ends[code], self.masks)
-                if simple in ends or found is not all_codes[simple]:
+            for simple in [c for c in NESTED[code] if c in known]:
+                found = as_special_case(known[simple], ends[code], self.masks)
+                if simple in ends or found is not known[simple]:
                     ends[simple] = found
         return ends
 

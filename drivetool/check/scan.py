@@ -116,6 +116,8 @@ def likely_orders(base: Model) -> list[float]:
     high = HIGHEST * 2.0 * np.pi / step / top
     grid = PERIODS * 2.0 * np.pi / reach + spacing * np.arange(ORDERS)
     grid = grid[grid < high]
+    if not len(grid):  # it shakes faster than a ripple could be followed
+        return []
     frequencies = np.linspace(0.0, HIGHEST / step, LINES + 1)
     response = disturbance_response(base, frequencies[1:])
     upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
