@@ -99,26 +99,59 @@ def advance_covariance(p, f, noise, q, extra, t):
 
 
 @njit(**HOT)
-def glided(s, c, laws, k, x, u, i, clock, mode, moved, noise, b):
+def glided(s, c, k, x, u, i, mode, moved, noise, b):
     """Carry x over a sample in the mode of slot k; False if an event may lie in it.
 
     moved  gets the transition, noise what a torque held over the sample leaves in each state
     """
-    n, first = noise.size, x.size
-    if laws is None:
-        predict(c.leap, k, x, u, i, b)
-        if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
-            return False
-        for j in range(n):
-            for m in range(n):
-                moved[j, m] = c.leap[k, j, m]
-    else:
-        if not law_motion(s, c, laws, k, 0, x, u, i, clock, mode, b, c.lines[0]):
-            return False
-        law_transition(c, laws, k, moved, c.vectors[3])
+    predict(c.leap, k, x, u, i, b)
+    if not stays(c.watch, c.looks, s.reach, c.hold, k, mode, x, b, u, i):
+        return False
+    n = noise.size
     for j in range(n):
+        for m in range(n):
+            moved[j, m] = c.leap[k, j, m]
         x[j] = b[j]
-        noise[j] = c.leap[k, j, first]
+        noise[j] = c.leap[k, j, x.size]
+    return True
+
+
+@njit(**HOT)
+def law_glided(s, c, laws, k, x, u, late, i, clock, mode, moved, noise, b):
+    """The same with smooth laws, part by part; k -1 where it has to be looked up. Nothing moves if it is False."""
+    n, parts, before, t, product = noise.size, s.spans.size, c.vectors[2], c.columns[1], c.columns[2]
+    if parts > 1:
+        for j in range(x.size):
+            before[j] = x[j]
+    for part in range(parts):
+        held = late if part < s.early else u
+        if s.nf > 0:
+            set_hold(s, c, laws, clock)
+        if k < 0 or parts > 1:
+            k = lookup(s, c, mode, part)
+        if not law_motion(s, c, laws, k, part, x, held, i, clock, mode, b, c.lines[0]):
+            if part > 0:
+                for j in range(x.size):
+                    x[j] = before[j]
+            return False
+        law_transition(c, laws, k, moved if part == 0 else t, c.vectors[3])
+        for j in range(n):
+            x[j] = b[j]
+        if part == 0:
+            for j in range(n):
+                noise[j] = c.leap[k, j, x.size]
+        else:
+            for j in range(n):
+                for m in range(n):
+                    v = 0.0
+                    for r in range(n):
+                        v += t[j, r] * moved[r, m]
+                    product[j, m] = v
+            for j in range(n):
+                for m in range(n):
+                    moved[j, m] = product[j, m]
+            add_noise(c.leap, k, noise, b)
+        clock += s.spans[part]
     return True
 
 
@@ -213,9 +246,11 @@ def filter_through(s, c, laws, f, q, clock, glide, step, carry):
                 states[i, j] = x[j]
         if whole:
             number = lookup(s, c, mode, 0) if number < 0 else number
-            if laws is not None and s.nf > 0:
-                set_hold(s, c, laws, clock)
-        if not whole or not glided(s, c, laws, number, x, u, i, clock, mode, moved, noise, b):
+        if laws is not None:
+            free = law_glided(s, c, laws, number, x, u, late, i, clock, mode, moved, noise, b)
+        else:
+            free = whole and glided(s, c, number, x, u, i, mode, moved, noise, b)
+        if not free:
             number = by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, moved, noise, b, t)
         clock += length
         for j in range(nx):
