@@ -15,6 +15,7 @@ from drivetool.drive.simulate import Gains
 from drivetool.identify.problem import Normal, Point, Problem
 
 FAINT = 1e-9  # of an output over a start state, both in SI: what is less has been left by rounding
+BOLD = 0.1  # damping below which a step tells how far the minimum is
 LEAST = 1e-14  # share of the cost below which a promised decrease is rounding
 
 
@@ -35,7 +36,7 @@ class Solution:
 
 def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, *,
           most: int = 60, relative: float = 1e-8, damping: float = 1e-3,
-          hold: np.ndarray | None = None, enough: float = 0.0) -> Solution:
+          hold: np.ndarray | None = None, enough: float = 0.0, least: float = LEAST) -> Solution:
     """Minimise the weighted squared residuals from a point.
 
     problem   k parameters, traces with m free start states each
@@ -43,20 +44,21 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     most      iterations; relative: decrease of the cost at which the fit has converged
     hold      (k,) parameters that do not move
     enough    cost from which on there is nothing left to gain
+    least     share of the cost below which a promised decrease is not tried
     returns   Solution; where the model diverges from the first point on, that point
     """
     normal, ahead = _whole(problem, point, gains), True
     if not np.isfinite(normal.cost):
         return Solution(point, normal, 0, False)
     for iteration in range(1, most + 1):
-        trial = _accepted(problem, point, normal, gains, damping, hold, ahead)
+        trial = _accepted(problem, point, normal, gains, damping, hold, ahead, least)
         if trial is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - trial.cost < relative * normal.cost or trial.cost < enough
         there = trial.normal or _whole(problem, trial.point, gains)
         if not np.isfinite(there.cost):
             return Solution(point, normal, iteration, False)
-        point, normal, damping, ahead = trial.point, there, max(trial.damping / 8.0, 1e-12), trial.first
+        point, normal, damping, ahead = trial.point, there, trial.damping, trial.first
         if done:
             return Solution(point, normal, iteration, True)
     return Solution(point, normal, most, False)
@@ -76,7 +78,7 @@ def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most
             return point, normal.cost
         done = normal.cost - trial.cost < relative * normal.cost
         point, cost, normal = trial.point, trial.cost, trial.normal
-        damping, ahead = max(trial.damping / 8.0, 1e-12), trial.first
+        damping, ahead = trial.damping, trial.first
         if done:
             break
     return point, cost
@@ -84,7 +86,7 @@ def approach(problem: Problem, point: Point, gains: Sequence[Gains] | None, most
 
 @dataclass(frozen=True)
 class _Trial:
-    """A better point, its cost and the damping that it took; first: whether it was the first that was tried.
+    """A better point, its cost and the damping to go on with; first: whether it was the first that was tried.
 
     normal  its normal equations, if they came with the cost
     """
@@ -97,7 +99,7 @@ class _Trial:
 
 
 def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Gains] | None, damping: float,
-              hold: np.ndarray | None, ahead: bool) -> _Trial | None:
+              hold: np.ndarray | None, ahead: bool, least: float = LEAST) -> _Trial | None:
     """A better point, None if there is none.
 
     ahead  whether the first trial is simulated with sensitivities at once: they cost less than twice the
@@ -107,17 +109,29 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
     while damping < 1e12:
         step, own = marquardt_step(problem, point, normal, damping, hold)
         # A step clipped at a bound may point uphill (below zero); more damping turns it.
-        if 0.0 <= _promised(normal, step, own) < LEAST * normal.cost:
+        promise = _promised(normal, step, own)
+        if 0.0 <= promise < (least if first and damping < BOLD else LEAST) * normal.cost:
             break
         trial = problem.moved(point, step, own)
         if not _too_far(problem, point, trial):
             there = _whole(problem, trial, gains) if ahead and first else None
             cost = problem.cost(trial, gains) if there is None else there.cost
             if cost < normal.cost:
+                # What was rejected once would be again.
+                damping = max(damping * (_trust(normal.cost - cost, promise) if first else 1.0), 1e-12)
                 return _Trial(trial, cost, damping, first, there)
             first = False
         damping *= 4.0
     return None
+
+
+def _trust(lowered: float, promise: float) -> float:
+    """By how much the damping changes after a step: it falls where the cost fell as promised.
+
+    promise  by `_promised`, twice what an undamped step can keep
+    """
+    kept = 2.0 * lowered / promise if promise > 0.0 else 1.0
+    return 0.125 if kept > 0.75 else 0.5 if kept > 0.5 else 1.0 if kept > 0.25 else 2.0
 
 
 def _whole(problem: Problem, trial: Point, gains: Sequence[Gains] | None) -> Normal:
