@@ -12,10 +12,9 @@ from drivetool.check.candidates import CANDIDATES, added
 from drivetool.check.diagnose import base_model
 from drivetool.check.heldout import both, cautious
 from drivetool.check.hypothesis import NEEDED, Tried, attempt, sizeable
-from drivetool.check.model import Model, everything, fit, listened, whitened
+from drivetool.check.model import Model, everything, first_noise, fit, listened, whitened
 from drivetool.check.structure import carried
 from drivetool.identify.estimate import Parameter
-from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.task import Task
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
@@ -46,10 +45,9 @@ def fitted(machine, record, guess):
     drive = drive_like(machine, list(FREE))
     task = Task(drive, FREE, roles_of([record], drive), (record,))
     assert task.roles.outputs == ("motor_speed", "load_speed")
-    problem = task.problem()
-    point = first_point(drive, problem, task.roles)
-    noise = fit_ratio(problem, point, Noise(1.0, None, np.array([1.0, guess])))
-    return fit("base", task, problem, point, noise, everything(problem), rounds=10)
+    problem = replace(task.problem(), scale=np.array([1.0, guess]))
+    point, masks = first_point(drive, problem, task.roles), everything(problem)
+    return fit("base", task, problem, point, first_noise(problem, point, masks), masks, rounds=10)
 
 
 @pytest.mark.parametrize("wrong", [0.05, 20.0])

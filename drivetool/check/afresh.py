@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from drivetool.check.hypothesis import TRIFLE, Tried
-from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, from_start
+from drivetool.check.model import BROKEN, Masks, Model, at_rest, first_noise, fit, from_start
 from drivetool.identify.cooling import BOX, SHAPE
-from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.setup import first_point
 
 
@@ -59,7 +58,7 @@ def beside_gap(tried: Tried, begun: Mapping[str, float], masks: Masks) -> Tried:
     task = model.fitted.at({n: begun[n] for n in model.task.free if n in begun})
     try:
         point = first_point(task.drive, model.problem, task.roles)
-        noise = fit_ratio(model.problem, point, Noise(1.0, None, model.problem.scale))
+        noise = first_noise(model.problem, point, masks)
         trial = at_rest(fit(model.code, task, model.problem, point, noise, masks), masks)
     except BROKEN:
         return tried

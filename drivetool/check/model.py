@@ -17,26 +17,29 @@ from drivetool.errors import DriveToolError
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import Solution, solve
 from drivetool.identify.noise import (
+    ODDS,
     Noise,
     by_parabolas,
     excerpt,
     filtered,
     fit_ratio,
     natural_ratio,
-    nearby,
     with_state,
 )
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.scoring import Heard, heard, scored
 from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
 ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
-TURNS = 6  # of torque noise and sensor noises, at most
 LOUD = 300.0  # times the torque noise that moves the first sensor by its own noise in a sample
 WIDE = np.log(3.0) * np.arange(-3, 4)  # of a sensor's noise about the guess
+RENEWED, MOVING = 3, 10.0  # rounds after which the noise stays, unless the last one gained so much log likelihood
+STEPS = 1  # of the noise a round; the next round goes on
 RESTS = 4  # fits of a model that goes on moving, at most
+TRIFLING = 0.05  # twice the log likelihood below which another step of a round does not pay
 SETTLED = 0.3  # log likelihood below which another round does not pay
 
 
@@ -109,17 +112,14 @@ def total(each: Sequence[np.ndarray], masks: Masks) -> float:
 
 def judge(problem: Problem, point: Point, noise: Noise, masks: Masks) -> float:
     """-log likelihood of the samples of a mask, the sensor variance fitted to them."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        passes = filtered(problem, point, noise, keep=False)
-        variance = spread(passes, masks)
-        return total(losses(passes, variance), masks) if variance > 0.0 else np.inf
+    return _listen(problem, point, noise, masks).value
 
 
 def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, masks: Masks, *,
         rounds: int = ROUNDS, renew: bool = True, hold: np.ndarray | None = None, most: int = 12) -> Model:
     """Fit to the samples of a mask from a point.
 
-    renew   whether noise ratio and sensor noises are estimated anew after the first rounds
+    renew   whether noise ratio and sensor noises are estimated anew after the first rounds, and while it gains much
     hold    (k,) parameters that do not move in the first round
     most    steps per round
     """
@@ -127,8 +127,8 @@ def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, mas
     for number in range(rounds):
         solution = _round(problem, point, noise, masks, most, hold if number == 0 else None)
         trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
-        # The memory of a coloured noise takes a search in two dimensions: once.
-        if renew and number < (3 if noise.memory is None else 1):
+        # Not for ever: parameters that absorb slow torque noise lower its ratio, round by round, to nothing.
+        if renew and (number < RENEWED or gain > MOVING):
             fresh, better = renewed(problem, trial, noise, masks)
             if better < worth:
                 noise, worth = fresh, better
@@ -164,37 +164,56 @@ def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> 
     """A base: fitted from the values of its drive, to all samples or to those of a mask."""
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
-    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    return fit("base", task, problem, point, noise, everything(problem) if masks is None else masks, rounds=rounds)
+    masks = everything(problem) if masks is None else masks
+    return fit("base", task, problem, point, first_noise(problem, point, masks), masks, rounds=rounds)
+
+
+def first_noise(problem: Problem, point: Point, masks: Masks) -> Noise:
+    """The noise at a point where none has been fitted: its figures looked for far around."""
+    return listened(problem, point, fit_ratio(problem, point, Noise(1.0, None, problem.scale)), masks)
 
 
 def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:
-    """The noise estimated anew at a point, and its value; ratio and sensors in turn until they agree."""
+    """The noise estimated anew at a point, that of all sensors with that of the torque, and its value."""
     # Where the sensor counts for nothing any ratio is as likely as one close by: no way leads back downhill.
-    lost = noise.ratio > LOUD * natural_ratio(problem, point)
-    if lost:
-        noise = replace(noise, memory=None, slow=None)
-    noise = fit_ratio(problem, point, noise, None if lost else noise.ratio, quick=True)
-    value = judge(problem, point, noise, masks)
-    for turn in range(TURNS if len(noise.scale) > 1 else 0):
-        trial = listened(problem, point, noise, masks, near=turn > 0)
-        trial = fit_ratio(problem, point, trial, trial.ratio, quick=True)
-        before, value = value, judge(problem, point, trial, masks)
-        if value > before - SETTLED:
-            return (trial, value) if value < before else (noise, before)
-        noise = trial
-    return noise, value
+    middle = natural_ratio(problem, point)
+    if noise.ratio > LOUD * middle:
+        noise = fit_ratio(problem, point, replace(noise, memory=None, slow=None), quick=True)
+    part, masked = _excerpt(problem, masks)
+
+    def listen(figures: np.ndarray) -> Heard:
+        return _listen(part, point, noise.at(figures), masked)
+
+    scales = np.log(noise.scale[1:])
+    low, high = (np.concatenate((b, scales + reach)) for b, reach in zip(
+        noise.bounds(np.log(middle)), (-ODDS, ODDS), strict=True))
+    figures, value = scored(listen, np.concatenate((noise.figures, scales)), low, high, STEPS)
+    noise = noise.at(figures)
+    return noise, value if part is problem else judge(problem, point, noise, masks)
 
 
-def listened(problem: Problem, point: Point, noise: Noise, masks: Masks, near: bool = False) -> Noise:
-    """The noise with each further sensor as loud as makes the samples of a mask most likely.
+def _listen(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Heard:
+    """What the samples of a mask say, the sensor variance fitted to them."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        passes = filtered(problem, point, noise, keep=False)
+        found = heard(np.inf, passes, masks)
+        count, variance = len(found.innovations), float(np.mean(found.innovations**2 / found.variance))
+        value = 0.5 * count * (1.0 + np.log(variance)) + 0.5 * float(np.sum(np.log(found.variance)))
+    return replace(found, value=value) if variance > 0.0 and np.isfinite(value) else found
+
+
+def _excerpt(problem: Problem, masks: Masks) -> tuple[Problem, Masks]:
+    """Enough of the samples for the figures of a noise, and what counts of them."""
+    part = excerpt(problem)
+    return part, [mask[:t.size] for mask, t in zip(masks, part.traces, strict=True)]
+
+
+def listened(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Noise:
+    """The noise with each further sensor as loud as makes the samples of a mask most likely, looked for far around.
 
     Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
-
-    near  whether the guess is near already
     """
-    part = excerpt(problem)
-    heard = [mask[:t.size] for mask, t in zip(masks, part.traces, strict=True)]
+    part, masked = _excerpt(problem, masks)
     for m in range(1, len(noise.scale)):
         def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
             scale = noise.scale.copy()
@@ -202,9 +221,9 @@ def listened(problem: Problem, point: Point, noise: Noise, masks: Masks, near: b
             return replace(noise, scale=scale)
 
         def value(log: float, of=louder) -> float:
-            return judge(part, point, of(log), heard)
+            return judge(part, point, of(log), masked)
 
-        noise = louder(nearby(value, 0.2, WIDE[-1], 0.02) if near else by_parabolas(value, WIDE, close=0.02))
+        noise = louder(by_parabolas(value, WIDE, close=0.02))
     return noise
 
 
@@ -214,8 +233,9 @@ def _round(problem: Problem, point: Point, noise: Noise, masks: Masks, most: int
     with np.errstate(over="ignore", invalid="ignore"):
         passes = filtered(problem, point, noise)
     gains = [Gains(f.gains.gain, f.gains.weight * mask[:, None]) for f, mask in zip(passes, masks, strict=True)]
-    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, relative=1e-6, most=most,
-                     hold=hold)
+    trifle = TRIFLING / problem.count
+    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, relative=trifle, most=most,
+                     hold=hold, least=trifle)
     if noise.memory is None:
         return solution
     starts = tuple(s[:-1] for s in solution.point.starts)

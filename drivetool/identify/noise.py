@@ -9,8 +9,10 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered
 from drivetool.identify.problem import Normal, Point, Problem
+from drivetool.identify.scoring import Heard, heard, scored
 
 FAR = 1e30  # likelihood of what cannot be; finite, since the simplex subtracts
+WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
 ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
 
 
@@ -37,7 +39,30 @@ class Noise:
     @property
     def parameters(self) -> int:
         """How many there are without the sensors'."""
-        return 1 + (self.memory is not None) + (self.slow is not None)
+        return len(self.figures)
+
+    @property
+    def figures(self) -> np.ndarray:
+        """Logarithms of the ratio, of the odds of the memory and of the slow share, as far as there are any."""
+        odds = [] if self.memory is None else [np.log(self.memory / (1.0 - self.memory))]
+        return np.array([np.log(self.ratio), *odds, *([] if self.slow is None else [np.log(self.slow)])])
+
+    def at(self, figures: np.ndarray) -> Noise:
+        """The noise with other figures; behind its own the logarithms of the further sensors' may follow."""
+        further = np.exp(figures[self.parameters:])
+        return replace(
+            self, ratio=float(np.exp(figures[0])),
+            memory=None if self.memory is None else float(1.0 / (1.0 + np.exp(-figures[1]))),
+            slow=None if self.slow is None else float(np.exp(figures[2])),
+            scale=np.concatenate((self.scale[:1], further)) if len(further) else self.scale)
+
+    def bounds(self, middle: float) -> tuple[np.ndarray, np.ndarray]:
+        """Of `figures`, the ratio's about the logarithm of the natural one.
+
+        A slow share above one, white noise beside noise that wanders, would take friction for noise.
+        """
+        high = np.array([middle + WIDEST, ODDS, 0.0][:self.parameters])
+        return np.array([middle - WIDEST, -ODDS, -ODDS][:self.parameters]), high
 
 
 def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) -> list[Filtered]:
@@ -89,7 +114,10 @@ def integrated(problem: Problem, point: Point, noise: Noise) -> tuple[float, Nor
     half as wide as they should be. Here the parameters and start states are integrated out
     (Patterson and Thompson 1971), around the point after one Gauss-Newton step.
     """
-    passes = filtered(problem, point, noise)
+    return _integrated(problem, point, noise, filtered(problem, point, noise))
+
+
+def _integrated(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> tuple[float, Normal]:
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
     normal = _normal(problem, point, noise, passes)
     matrix, slope = arrow(normal)
@@ -162,47 +190,26 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
               settled: bool = False, quick: bool = False) -> Noise:
     """Maximum likelihood of the noise ratio (memory, share of what is slow) at fixed parameters.
 
-    around   a ratio to search near; None: over eight decades
+    around   a ratio to search near; None: over eight decades, or from the noise where it has a memory
     settled  whether the point is near its optimum: then by restricted likelihood
-    quick    to half a decade only; near a ratio to a few per cent, where a fit goes on anyway
+    quick    to half a decade only, where there is none to search near
     """
     middle = np.log(natural_ratio(problem, point))
     problem = excerpt(problem)
 
-    def at(logs: np.ndarray) -> Noise:
-        return replace(noise, ratio=float(np.exp(logs[0])),
-                       memory=None if noise.memory is None else float(1.0 / (1.0 + np.exp(-logs[1]))),
-                       slow=None if noise.slow is None else float(np.exp(logs[2])))
-
-    def value(logs: np.ndarray) -> float:
-        # A slow share above one, white noise beside noise that wanders, would take friction for noise.
-        if abs(logs[0] - middle) > 18.0 or np.any(np.abs(logs[1:]) > 16.0) or np.any(logs[2:] > 0.0):
-            return FAR
-        trial = at(logs)
+    def listen(figures: np.ndarray) -> Heard:
+        trial = noise.at(figures)
         with np.errstate(over="ignore", invalid="ignore"):
-            found = (restricted(problem, point, trial) if settled
-                     else minus_log_likelihood(filtered(problem, point, trial, keep=False)))
-        return found if np.isfinite(found) else FAR
+            passes = filtered(problem, point, trial, keep=settled)
+            value = (_integrated(problem, point, trial, passes)[0] if settled else minus_log_likelihood(passes))
+        return heard(value if np.isfinite(value) else FAR, passes)
 
-    if noise.memory is not None:
-        from scipy.optimize import minimize
-
-        reach = 0.7 if around is None else 0.2
-        start = np.array([np.log(noise.ratio), np.log(noise.memory / (1.0 - noise.memory)),
-                          *([] if noise.slow is None else [np.log(noise.slow)])])
-        corners = np.vstack([np.zeros(len(start)), np.eye(len(start))])
-        most = 30 * len(start) if around is None else 25
-        found = minimize(value, start, method="Nelder-Mead", options={
-            "xatol": 0.02, "fatol": 0.02, "maxiter": most, "initial_simplex": start + reach * corners})
-        return at(found.x)
-    if around is None:
+    if noise.memory is None and around is None:
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
-        best = by_parabolas(lambda g: value(np.array([g])), grid, 0 if quick else 4)
-    elif quick:
-        best = np.log(around) + nearby(lambda g: value(np.array([np.log(around) + g])), 0.5, 1.5, 0.05)
-    else:
-        best = by_parabolas(lambda g: value(np.array([g])), np.log(around) + np.linspace(-1.5, 1.5, 5))
-    return replace(noise, ratio=float(np.exp(best)))
+        best = by_parabolas(lambda g: listen(np.array([g])).value, grid, 0 if quick else 4)
+        return noise.at(np.array([best]))
+    return noise.at(scored(listen, (noise if around is None else replace(noise, ratio=around)).figures,
+                           *noise.bounds(middle))[0])
 
 
 def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[Noise], float]) -> Noise:
@@ -218,20 +225,6 @@ def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[N
 def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
     """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
     return _refined(value, list(grid), [value(g) for g in grid], rounds, close)
-
-
-def nearby(value: Callable[[float], float], reach: float, limit: float, close: float) -> float:
-    """Minimum of a function of one variable near zero: downhill in growing steps, then parabolas."""
-    x, y = [0.0, reach], [value(0.0), value(reach)]
-    way, at, step = (1.0, reach, reach) if y[1] < y[0] else (-1.0, 0.0, reach)
-    while abs(at + way * step) <= limit:
-        at += way * step
-        x.append(at)
-        y.append(value(at))
-        if y[-1] >= min(y[:-1]):
-            break
-        step *= 2.0
-    return _refined(value, x, y, 4, close)
 
 
 def _refined(value: Callable[[float], float], x: list[float], y: list[float], rounds: int, close: float) -> float:

@@ -1,0 +1,82 @@
+"""Noise figures by scoring, held against likelihoods whose optimum is a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivetool.drive.simulate import Filtered, Gains
+from drivetool.identify.scoring import heard, scored
+
+SIZE = 2000
+FAR = np.array([9.0])
+
+
+def passes(innovations, variance):
+    return [Filtered(Gains(np.empty((0, 1, 0)), np.empty((0, 1))), innovations, variance, np.empty((0, 0)))]
+
+
+def profiled(found):
+    """-log likelihood of Gaussian innovations, one variance of all profiled out."""
+    return 0.5 * len(found.innovations) * np.log(np.mean(found.innovations**2 / found.variance)) + 0.5 * np.sum(
+        np.log(found.variance))
+
+
+def two_sensors(true, calls=None, share=None):
+    """A listener to two sensors, the second e^true times as loud as the first, whose figure is that logarithm."""
+    rng = np.random.default_rng(5)
+    e = rng.standard_normal((SIZE, 2)) * np.array([0.3, 0.3 * np.exp(true)])
+    mask = None if share is None else [np.arange(SIZE) < share * SIZE]
+
+    def listen(figures):
+        if calls is not None:
+            calls.append(figures.copy())
+        v = np.broadcast_to(np.array([1.0, np.exp(2.0 * figures[0])]), e.shape)
+        found = heard(0.0, passes(e, v), mask)
+        return type(found)(float(profiled(found)), found.innovations, found.variance)
+
+    heard_of = e if mask is None else e[mask[0]]
+    return listen, 0.5 * np.log(np.mean(heard_of[:, 1] ** 2) / np.mean(heard_of[:, 0] ** 2))
+
+
+@pytest.mark.parametrize("share", [None, 0.5])
+@pytest.mark.parametrize("start", [-1.0, 0.0, 2.5, 4.0])
+def test_the_likeliest_loudness_is_reached(start, share):
+    listen, best = two_sensors(1.2, share=share)
+    found, value = scored(listen, np.array([start]), -FAR, FAR)
+    assert found[0] == pytest.approx(best, abs=2e-3)  # its standard error is 0.016
+    assert value == pytest.approx(listen(np.array([best])).value, abs=5e-3)
+
+
+def test_it_takes_a_handful_of_passes():
+    calls = []
+    listen, best = two_sensors(1.2, calls)
+    scored(listen, np.array([best + 0.5]), -FAR, FAR)
+    assert len(calls) <= 8
+    calls.clear()
+    scored(listen, np.array([best]), -FAR, FAR)
+    assert len(calls) == 2  # where it is, and the slope
+
+
+def test_a_figure_on_its_bound_stays_there_and_the_others_go_on():
+    listen, best = two_sensors(1.2)
+
+    def both(figures):
+        one = listen(figures[1:])
+        return type(one)(one.value + figures[0], one.innovations, one.variance)  # less is always better
+
+    found, _ = scored(both, np.array([-2.0, 0.0]), np.array([-2.0, -9.0]), np.array([2.0, 9.0]))
+    assert found[0] == -2.0
+    assert found[1] == pytest.approx(best, abs=2e-3)
+
+
+def test_what_cannot_be_heard_is_left_as_it_is():
+    listen, _ = two_sensors(0.0)
+
+    def deaf(figures):
+        one = listen(figures)
+        return type(one)(np.inf, one.innovations, one.variance)
+
+    found, value = scored(deaf, np.array([0.7]), -FAR, FAR)
+    assert found[0] == 0.7
+    assert value == np.inf
