@@ -36,3 +36,17 @@ def test_an_angle_is_coarse_where_fast_motion_makes_few_steps_in_a_sample(counts
     if found:
         assert faults[0].finding.evidence["resolution"] == pytest.approx(step, rel=1e-9)
         assert "rad;" in faults[0].finding.text
+
+
+@pytest.mark.parametrize(("steps", "found"), [(0.5, False), (1.5, True), (3.0, True)])
+def test_a_speed_is_coarse_from_steps_as_large_as_its_noise(steps, found):
+    """The variance of rounding is a twelfth of the step's square, beside the noise's own."""
+    rng = np.random.default_rng(4)
+    speed = np.round((10.0 * np.sin(TIME) + rng.standard_normal(SIZE)) / steps) * steps
+    record = Experiment("speed", "0" * 64, STEP, 0.0, {"motor_torque": np.cos(TIME), "motor_speed": speed},
+                        ((0, SIZE),), torque_is="command")
+    faults = preflight([record], ("quantisation",))[1]
+    assert [f.code for f in faults] == ["quantisation"] * found
+    if found:
+        share = steps**2 / 12.0 / (1.0 + steps**2 / 12.0)
+        assert faults[0].finding.evidence["share_of_noise"] == pytest.approx(share, rel=0.1)

@@ -19,7 +19,7 @@ from drivetool.check.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
 
-COARSE = 0.3  # share of the noise variance that the resolution explains, from which it is a cause
+COARSE = 0.1  # share of the noise variance that rounding explains, from which it is a cause: a step of 1.1 std
 FINE, FASTEST = 10.0, 0.98  # steps of an angle in a sample of fast motion, from which they are a sensor's own
 SCALE = 0.003  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope
@@ -76,8 +76,9 @@ def _quantisation(e: Experiment) -> list[Fault]:
             unit = units.get(role.rpartition("_")[2], e.torque_unit)
             faults.append(Fault("quantisation", Finding(
                 "note", "quantisation",
-                f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is most of "
-                "its noise.", {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
+                f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is "
+                f"{100.0 * min(share, 1.0):.0f} % of the variance of its noise.",
+                {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
                 "Log it with more digits, or log the angle." if role.endswith("speed") else
                 "Log it with more digits, or from a finer sensor.")))
     return faults
