@@ -80,3 +80,25 @@ def test_what_cannot_be_heard_is_left_as_it_is():
     found, value = scored(deaf, np.array([0.7]), -FAR, FAR)
     assert found[0] == 0.7
     assert value == np.inf
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+def test_a_filter_that_runs_away_beside_the_start_moves_nothing(lost):
+    """What it leaves then may be as many innovations, or fewer."""
+    listen, _ = two_sensors(1.2)
+
+    def fragile(figures):
+        one = listen(figures)
+        if figures[0] == 0.5:
+            return one
+        return type(one)(np.inf, np.where(np.arange(one.innovations.size) > 9, one.innovations, lost), one.variance)
+
+    def fewer(figures):
+        one = fragile(figures)
+        known = np.isfinite(one.innovations)
+        return type(one)(one.value, one.innovations[known], one.variance[known])
+
+    for each in (fragile, fewer):
+        found, value = scored(each, np.array([0.5]), -FAR, FAR)
+        assert found[0] == 0.5
+        assert value == listen(found).value

@@ -197,7 +197,8 @@ def _listen(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Heard
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         passes = filtered(problem, point, noise, keep=False)
         found = heard(np.inf, passes, masks)
-        count, variance = len(found.innovations), float(np.mean(found.innovations**2 / found.variance))
+        count = len(found.innovations)
+        variance = float(np.sum(found.innovations**2 / found.variance)) / max(count, 1)
         value = 0.5 * count * (1.0 + np.log(variance)) + 0.5 * float(np.sum(np.log(found.variance)))
     return replace(found, value=value) if variance > 0.0 and np.isfinite(value) else found
 

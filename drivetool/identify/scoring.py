@@ -64,7 +64,7 @@ def scored(listen: Callable[[np.ndarray], Heard], start: np.ndarray, low: np.nda
         slope, bend = _slope_and_bend(listen, at, here, high)
         step = _step(slope, bend, at, low, high)
         promise = -float(slope @ step) - 0.5 * float(step @ bend @ step)
-        if not promise > WORTH:
+        if not promise > WORTH:  # or no number
             break
         found = _downhill(listen, at, here, step, low, high)
         if found is None:
@@ -78,7 +78,10 @@ def scored(listen: Callable[[np.ndarray], Heard], start: np.ndarray, low: np.nda
 
 def _slope_and_bend(listen: Callable[[np.ndarray], Heard], at: np.ndarray, here: Heard,
                     high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) derivative of the value by differences, and (k, k) that of the innovations' likelihood in the mean."""
+    """(k,) derivative of the value by differences, and (k, k) that of the innovations' likelihood in the mean.
+
+    No numbers where a filter runs away.
+    """
     count, e, v = len(here.innovations), here.innovations, here.variance
     variance = float(np.mean(e**2 / v))
     slope, ahead, motion, width = np.zeros(len(at)), np.where(at + STEP <= high, STEP, -STEP), [], []
@@ -86,6 +89,8 @@ def _slope_and_bend(listen: Callable[[np.ndarray], Heard], at: np.ndarray, here:
         there = at.copy()
         there[j] += ahead[j]
         other = listen(there)
+        if len(other.innovations) != count or not np.isfinite(other.value):
+            return np.full(len(at), np.nan), np.full((len(at), len(at)), np.nan)
         slope[j] = (other.value - here.value) / ahead[j]
         motion.append((other.innovations - e) / (ahead[j] * np.sqrt(v * variance)))
         width.append((other.variance - v) / (ahead[j] * v))
