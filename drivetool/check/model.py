@@ -175,8 +175,8 @@ def first_noise(problem: Problem, point: Point, masks: Masks) -> Noise:
 
 def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:
     """The noise estimated anew at a point, that of all sensors with that of the torque, and its value."""
-    # Where the sensor counts for nothing any ratio is as likely as one close by: no way leads back downhill.
     middle = natural_ratio(problem, point)
+    # Where the sensor counts for nothing any ratio is as likely as one close by: no way leads back downhill.
     if noise.ratio > LOUD * middle:
         noise = fit_ratio(problem, point, replace(noise, memory=None, slow=None), quick=True)
     part, masked = _excerpt(problem, masks)

@@ -11,7 +11,7 @@ from drivetool.drive.simulate import Filtered
 from drivetool.identify.problem import Normal, Point, Problem
 from drivetool.identify.scoring import Heard, heard, scored
 
-FAR = 1e30  # likelihood of what cannot be; finite, since the simplex subtracts
+FAR = 1e30  # likelihood of what cannot be; finite, since parabolas subtract
 WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
 ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
 
@@ -202,11 +202,11 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         with np.errstate(over="ignore", invalid="ignore"):
             passes = filtered(problem, point, trial, keep=settled)
             value = (_integrated(problem, point, trial, passes)[0] if settled else minus_log_likelihood(passes))
-        return heard(value if np.isfinite(value) else FAR, passes)
+        return heard(value if np.isfinite(value) else np.inf, passes)
 
     if noise.memory is None and around is None:
         grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
-        best = by_parabolas(lambda g: listen(np.array([g])).value, grid, 0 if quick else 4)
+        best = by_parabolas(lambda g: min(listen(np.array([g])).value, FAR), grid, 0 if quick else 4)
         return noise.at(np.array([best]))
     return noise.at(scored(listen, (noise if around is None else replace(noise, ratio=around)).figures,
                            *noise.bounds(middle))[0])
