@@ -26,8 +26,8 @@ from drivetool.identify.noise import (
     natural_ratio,
     with_state,
 )
+from drivetool.identify.noise_scoring import Heard, heard, scored
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.scoring import Heard, heard, scored
 from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts

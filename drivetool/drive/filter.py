@@ -79,15 +79,21 @@ def update(p, row, pick, r, gain):
 
 
 @njit(**HOT)
+def multiply(a, b, n, out):
+    """out = a b, of n rows and columns."""
+    for j in range(n):
+        for k in range(n):
+            v = 0.0
+            for m in range(n):
+                v += a[j, m] * b[m, k]
+            out[j, k] = v
+
+
+@njit(**HOT)
 def advance_covariance(p, f, noise, q, extra, t):
     """p = f p f' + q noise noise' + diag(extra), through the scratch t."""
     nx = noise.size
-    for j in range(nx):
-        for k in range(nx):
-            v = 0.0
-            for m in range(nx):
-                v += f[j, m] * p[m, k]
-            t[j, k] = v
+    multiply(f, p, nx, t)
     for j in range(nx):
         for k in range(j + 1):
             v = q * noise[j] * noise[k]
@@ -141,12 +147,7 @@ def law_glided(s, c, laws, k, x, u, late, i, clock, mode, moved, noise, b):
             for j in range(n):
                 noise[j] = c.leap[k, j, x.size]
         else:
-            for j in range(n):
-                for m in range(n):
-                    v = 0.0
-                    for r in range(n):
-                        v += t[j, r] * moved[r, m]
-                    product[j, m] = v
+            multiply(t, moved, n, product)
             for j in range(n):
                 for m in range(n):
                     moved[j, m] = product[j, m]

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.simulate import Filtered
+from drivetool.identify.noise_scoring import Heard, heard, scored
 from drivetool.identify.problem import Normal, Point, Problem
-from drivetool.identify.scoring import Heard, heard, scored
 
 FAR = 1e30  # likelihood of what cannot be; finite, since parabolas subtract
 WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
@@ -101,23 +101,18 @@ def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
     return 0.5 * count * np.log(squares / count) + 0.5 * logs
 
 
-def restricted(problem: Problem, point: Point, noise: Noise) -> float:
-    """Restricted -log likelihood of a noise model, up to a constant: see `integrated`."""
-    return integrated(problem, point, noise)[0]
-
-
-def integrated(problem: Problem, point: Point, noise: Noise) -> tuple[float, Normal]:
+def integrated(problem: Problem, point: Point, noise: Noise,
+               passes: Sequence[Filtered] | None = None) -> tuple[float, Normal]:
     """(restricted -log likelihood of a noise model, up to a constant; normal equations at the point under it).
 
     The plain likelihood counts residuals that the fitted parameters have already absorbed: slow
     torque noise looks like friction, its ratio comes out near zero, and the intervals are then
     half as wide as they should be. Here the parameters and start states are integrated out
     (Patterson and Thompson 1971), around the point after one Gauss-Newton step.
+
+    passes  under the noise, with their gains, if they have been made
     """
-    return _integrated(problem, point, noise, filtered(problem, point, noise))
-
-
-def _integrated(problem: Problem, point: Point, noise: Noise, passes: Sequence[Filtered]) -> tuple[float, Normal]:
+    passes = passes or filtered(problem, point, noise)
     logs = sum(float(np.sum(np.log(f.variance[np.isfinite(f.innovations)]))) for f in passes)
     normal = _normal(problem, point, noise, passes)
     matrix, slope = arrow(normal)
@@ -201,7 +196,7 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
         trial = noise.at(figures)
         with np.errstate(over="ignore", invalid="ignore"):
             passes = filtered(problem, point, trial, keep=settled)
-            value = (_integrated(problem, point, trial, passes)[0] if settled else minus_log_likelihood(passes))
+            value = (integrated(problem, point, trial, passes)[0] if settled else minus_log_likelihood(passes))
         return heard(value if np.isfinite(value) else np.inf, passes)
 
     if noise.memory is None and around is None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive.simulate import Filtered, Gains
-from drivetool.identify.scoring import heard, scored
+from drivetool.identify.noise_scoring import heard, scored
 
 SIZE = 2000
 FAR = np.array([9.0])
