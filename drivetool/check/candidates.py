@@ -16,13 +16,14 @@ from drivetool.check.structure import carried, may_have_tip
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS, STEPS, TORQUES
 from drivetool.identify.engine import Task
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
+from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 
 SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
 WARM = (0.15, 0.4, 1.0)  # time constants of a drift, over the length of the record
 EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
 QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
+HIDING = 20.0  # log likelihood that so quiet a noise must cost, for a louder one to hide anything
 LATE = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # delays and lags in samples
 ORDERS = (1.0, 2.0)  # of a lag
 
@@ -33,13 +34,13 @@ class Start:
 
     amplitudes  of the free names, those whose first guess a linear step gives
     steps       of its first fit; more where that begins far from the base
-    noise       under which that is made; None: the base's
+    quiet       the base under a quieter noise, where the fit is to begin; None: it begins under the base's
     """
 
     task: Task
     amplitudes: tuple[str, ...]
     steps: int = 5
-    noise: Noise | None = None
+    quiet: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -186,8 +187,9 @@ def _third_mass(base: Model) -> list[Start]:
     # A resonance that the base lacks may pass for torque noise, under which a third mass gains nothing any more.
     noise = replace(base.noise, ratio=QUIETER * base.noise.ratio)
     quiet = fit("base", base.task, base.problem, base.point, noise, everything(base.problem), rounds=3, renew=False)
+    unheard = [] if quiet.value < base.value + HIDING else [*likely_tips(quiet), *likely_middles(quiet)]
     return [Start(task, (), 10) for task in (*likely_tips(base), *likely_middles(base))] + [
-        Start(task, (), 10, noise) for task in (*likely_tips(quiet), *likely_middles(quiet))]
+        Start(task, (), 10, quiet) for task in unheard]
 
 
 def _ripple(base: Model) -> list[Start]:

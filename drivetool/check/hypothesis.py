@@ -33,6 +33,7 @@ FAST = 0.03  # samples: a lag that is shorter leaves no trace
 SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
 QUICKEST = 0.05  # the same: one that takes less is a start by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
+PACE = (0.02, 0.02, 0.2)  # of what a quieter noise costs, that a fit makes up by each round, or it is given up
 THIRD = 10.0  # by which inertia, stiffness and damping of a third mass may leave their start
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
@@ -115,11 +116,22 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
 
 
 def _first_fit(code: str, begun: Begun, base: Model, masks: Masks) -> Model:
-    """A few steps from a start; where they are made under a noise of its own, that is fitted too after them."""
-    start, quiet = begun.start, begun.start.noise
-    model = fit(code, start.task, begun.problem, begun.point, quiet or base.noise, masks,
-                rounds=3 if quiet else 1, renew=False, most=start.steps)
-    return fit(code, model.task, model.problem, model.point, model.noise, masks, rounds=3) if quiet else model
+    """A few steps from a start; where they are made under a quieter noise, that is fitted too after them.
+
+    What the louder noise of the base stands in for makes up for the cost of the quieter one, and soon.
+    """
+    start, quiet = begun.start, begun.start.quiet
+    if quiet is None:
+        return fit(code, start.task, begun.problem, begun.point, base.noise, masks, rounds=1, renew=False,
+                   most=start.steps)
+    point, cost = begun.point, quiet.value - base.value
+    for share in PACE:
+        model = fit(code, start.task, begun.problem, point, quiet.noise, masks, rounds=1, renew=False,
+                    most=start.steps)
+        if quiet.value - model.value < share * cost:
+            return model
+        point = model.point
+    return fit(code, model.task, model.problem, point, model.noise, masks, rounds=3)
 
 
 def also(tried: Tried, end: Model | None) -> Tried:
