@@ -1,4 +1,4 @@
-"""Passes made for a number of states give what the general one gives."""
+"""Passes made for a number of states, and of smooth laws, give what the general one gives."""
 
 from dataclasses import replace
 
@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from drivetool.drive import simulate
+from drivetool.drive.assemble import Layout
+from drivetool.drive.augment import plant_of as law_plant_of
+from drivetool.drive.chain import one_body
+from drivetool.drive.machine_code import address
 from drivetool.drive.simulate import Gains, Trace
 from tests.test_kernel import STEP, THREE, changed, drive_of, levels, plant_of
 from tests.test_kernel_filter import RIG
@@ -93,3 +97,49 @@ def test_kalman_pass(case, monkeypatch):
     for name in ("innovations", "variance", "states"):
         close(getattr(fast, name), getattr(slow, name))
     close(fast.gains.gain, slow.gains.gain)
+
+
+ONE = one_body().with_values({"motor.inertia": 0.8, "motor.viscous": 0.4, "motor.coulomb": 3.0})
+DRAG = {"motor.drag": 0.02}
+RIPPLE = {"motor.ripple_sine": 3.0, "motor.ripple_cosine": 1.0, "motor.ripple_order": 6.5}
+BREAKAWAY = {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}
+HARDENING = {"shaft.hardening": 1.0, "shaft.hardening_twist": 0.02}
+# drive, sensors, laws, torque noise that remembers
+LAWS = {
+    "one body": (ONE, ("motor_speed",), DRAG, None),
+    "one body, angle and memory": (ONE, ("motor_angle",), DRAG | RIPPLE | BREAKAWAY, 0.97),
+    "two": (drive_of(RIG), ("motor_speed",), BREAKAWAY, None),
+    "two, angle": (drive_of(RIG), ("motor_angle", "load_angle"), HARDENING | DRAG, None),
+    "three, shaft torque": (drive_of(THREE), ("motor_speed", "shaft_torque"), HARDENING, None),
+    "three, memory": (drive_of(THREE), ("motor_speed",), DRAG, 0.97)}
+
+
+@pytest.mark.parametrize("case", LAWS)
+def test_smooth_laws(case, observed):
+    drive, outputs, values, memory = LAWS[case]
+    free = ("motor.inertia", "motor.coulomb", *values)
+    rng = np.random.default_rng(1)
+    trace = Trace(levels(RIG, N, 2)[:, None], 0.1 * rng.standard_normal((N, len(outputs))), STEP)
+
+    def plants(free):
+        layout = Layout(free, ("motor_torque",), outputs, STEP, gradient=bool(free), memory=memory)
+        fast = law_plant_of(drive.with_values(values), layout)
+        units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
+        assert all(getattr(fast.laws, unit) != place for unit, place in units.items())
+        return fast, replace(fast, laws=fast.laws._replace(spread=address("spread"), **units))
+
+    fast, slow = plants(free)
+    start = rng.standard_normal(fast.nx) * 1e-2
+    shape = N, len(outputs), fast.system.nx
+    gains = Gains(rng.uniform(0.0, 0.1, shape) * np.sign(fast.system.outputs[:, :, 0]),
+                  rng.uniform(0.5, 2.0, shape[:2])) if observed else None
+    (out, jac), (wanted, wanted_jac) = (plant.jacobian(trace, start, gains) for plant in (fast, slow))
+    close(out, wanted)
+    for q in range(jac.shape[2]):
+        close(jac[:, :, q], wanted_jac[:, :, q])
+    assert np.abs(jac[:, :, :len(free)]).max(axis=(0, 1)).min() > 0.0
+    if not observed:
+        sensor = np.where([name < 0 for name in fast.system.picks], 100.0, 1e-2)
+        found, right = (plant.filter(trace, start, sensor, 4.0, np.full(plant.nx, 1e-9)) for plant in plants(()))
+        for name in ("innovations", "variance", "states"):
+            close(getattr(found, name), getattr(right, name))

@@ -12,8 +12,8 @@ from drivetool.drive.assemble import Assembly, Law, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
 from drivetool.drive.machine_code import address
-from drivetool.drive.simulate import Plant
-from drivetool.drive.system import LAW_NAMES, PARAMETERS, Laws, System
+from drivetool.drive.simulate import MADE_FOR, Plant
+from drivetool.drive.system import LAW_NAMES, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
 SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
@@ -105,11 +105,14 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
     turns = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
     code = np.array([LAW_NAMES.index(law.name) for law in assembly.laws], np.int64)
     ns = s.ns
+    sized = f"_{first}_{nl}" if s.nu == 1 and first <= MOST_STATES and nl <= MOST_LAWS else ""
     shown = bool(s.outputs[:, first:, 0].any())
     return Laws(
         code, arguments, parameters, gap, half, turns, friction, first, shown,
         np.zeros((3, nl, 3 + PARAMETERS)), np.zeros((2 * nl, 2 * nl)), np.zeros((2 * nl, 2 * nl)),
         np.zeros((2 * nl, 1)), np.zeros((2 * nl, ns)),
-        np.zeros((nl, s.nx)), np.zeros((first, ns)),
+        np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
-        address("law_torque"), address("law_columns"), address("law_rough_step"), address("show") if shown else 0)
+        address("law_torque"), *(address(unit + sized) for unit in ("law_motion", "law_columns", "law_transition")),
+        address("spread" + MADE_FOR.get(first, "")), address("law_rough_step"), address("show") if shown else 0)
+

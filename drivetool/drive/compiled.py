@@ -37,19 +37,19 @@ def unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
     by its address, which travels in a table: `unit_function(address, arguments ...)`.
 
     kinds  Numba types of the arguments
-    gives  that of the result, which only Python can use
+    gives  that of the result
     """
     def decorate(function: Callable) -> Callable:
         @intrinsic
         def call(typing, place, *arguments):
             def code(context, builder, signature, values):
                 numbers = [context.get_value_type(k) for k in kinds]
-                kind = ir.FunctionType(context.get_value_type(types.none), numbers)
+                kind = ir.FunctionType(context.get_value_type(gives), numbers)
                 function = builder.inttoptr(values[0], kind.as_pointer())
-                builder.call(function, cgutils.unpack_tuple(builder, values[1]))
-                return context.get_dummy_value()
+                result = builder.call(function, cgutils.unpack_tuple(builder, values[1]))
+                return context.get_dummy_value() if gives is types.none else result
 
-            return types.none(types.int64, types.StarArgTuple(kinds)), code
+            return gives(types.int64, types.StarArgTuple(kinds)), code
 
         call.made = lambda: numba.cfunc(gives(*kinds), **PLAIN)(function)
         call.home = function.__module__

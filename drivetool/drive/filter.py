@@ -14,9 +14,9 @@ from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.outputs import output_row
 from drivetool.drive.run import law_part, plain_step, reclassify, reveal
-from drivetool.drive.smooth import any_motion, law_motion, law_transition
+from drivetool.drive.smooth import law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
-from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, SYSTEM
+from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, REALS, SYSTEM
 
 
 @njit(**COMPILE)
@@ -104,6 +104,12 @@ def advance_covariance(p, f, noise, q, extra, t):
         p[j, j] += extra[j]
 
 
+@unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+def spread(p, f, noise, q, extra, t):
+    """advance_covariance, by itself for the sake of those that are made for so many states."""
+    advance_covariance(p, f, noise, q, extra, t)
+
+
 @njit(**HOT)
 def glided(s, c, k, x, u, i, mode, moved, noise, b):
     """Carry x over a sample in the mode of slot k; False if an event may lie in it.
@@ -135,12 +141,12 @@ def law_glided(s, c, laws, k, x, u, late, i, clock, mode, moved, noise, b):
             set_hold(s, c, laws, clock)
         if k < 0 or parts > 1:
             k = lookup(s, c, mode, part)
-        if not law_motion(s, c, laws, k, part, x, held, i, clock, mode, b, c.lines[0]):
+        if not law_motion(laws.motion, s, c, laws, k, part, x, held, i, clock, mode, b, c.lines[0]):
             if part > 0:
                 for j in range(x.size):
                     x[j] = before[j]
             return False
-        law_transition(c, laws, k, moved if part == 0 else t, c.vectors[3])
+        law_transition(laws.transition, c, laws, k, moved if part == 0 else t)
         for j in range(n):
             x[j] = b[j]
         if part == 0:
@@ -183,7 +189,7 @@ def by_parts(s, c, laws, step, number, x, u, late, i, clock, mode, moved, noise,
                 law_rough_step(laws.rough, s, c, laws, x, held, i, clock, moved, mode, part)
                 number = -1
             else:
-                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b, any_motion)
+                number, _ = law_part(s, c, laws, number, x, held, i, clock, moved, mode, part, b)
             number = lookup(s, c, mode, part) if number < 0 else number
             clock += s.spans[part]
         add_noise(c.leap, number, noise, b)
@@ -257,11 +263,27 @@ def filter_through(s, c, laws, f, q, clock, glide, step, carry):
         for j in range(nx):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)
-        if carry is not None:
+        if laws is not None:
+            spread(laws.spread, p, moved, noise, q, extra, t)
+        elif carry is not None:
             carry(p, moved, noise, q, extra)
         else:
             advance_covariance(p, moved, noise, q, extra, t)
         i += 1
+
+
+def spread_for(n: int) -> Callable:
+    """The unit `spread` for n states."""
+    carry = carrier(n)
+
+    @unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
+    def spread(p, f, noise, q, extra, t):
+        carry(p, f, noise, q, extra)
+
+    return spread
+
+
+spread_three, spread_four, spread_five, spread_six = (spread_for(n) for n in (3, 4, 5, 6))
 
 
 @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)

@@ -23,6 +23,7 @@ from pathlib import Path
 import llvmlite
 from llvmlite import binding as llvm
 
+from drivetool.drive.system import MOST_LAWS, MOST_STATES
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
@@ -34,9 +35,14 @@ KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in
 STEP = ("events.rough_step", "modes.work_out")
 GROUPS = (
     *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("_three", "", "_four", "_five", "_six")),
-    (("run.run_laws", "smooth.law_columns", "smooth_events.law_rough_step", "smooth_events.show"),
-     ("filter.kalman_laws", "laws.law_torque", "modes.work_out")),
+    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.law_rough_step",
+      "smooth_events.show"),
+     ("filter.kalman_laws", "filter.spread", "smooth.law_transition", "laws.law_torque", "modes.work_out")),
     (("events.switch_late",),),
+    *(((f"filter.spread{size}",),) for size in ("_three", "_four", "_five", "_six")),
+    *(((f"smooth_sized.law_columns_{n}_{nl}",),
+       (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
+      for n in range(1, MOST_STATES + 1) for nl in range(1, MOST_LAWS + 1)),
 )
 # Arguments of the parts that Python calls: tables, then numbers.
 NUMBERS = {"run": 1, "kalman": 2}

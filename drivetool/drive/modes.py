@@ -44,12 +44,13 @@ def work_out(s, c, mode, part, k, h):
     stamp_mode(s, c, mode, k)
     c.rate[k] = balanced_norm(c.flow[k], c.square, s.nx)
     step_matrix(s, c, mode, k, k, s.spans[part])
-    in_blocks(c.dleap[k], c.wide[k])
     look_ahead(s, c, mode, k, s.spans[part])
     if c.mid.shape[0] > 0:
         exponential(c.flow[k], 0.5 * s.spans[part], c.rate[k], c.jets, c.mid[k], c.dmid[k])
         let_rest(s, c.mid[k], mode)
         laws_by_torques(s, c, k, s.spans[part])
+        in_blocks(c.dmid[k], c.wide_mid[k])
+    in_blocks(c.dleap[k], c.wide[k])
 
 
 @njit(**COMPILE)

@@ -206,6 +206,42 @@ def turned_with(typing, e, at, columns, d, x, u):
     return columns[0](e, types.int64, columns, d, x, types.float64), code
 
 
+@intrinsic
+def plus(typing, columns, factor, other):
+    """Columns, and the factor times other ones."""
+    def code(context, builder, signature, values):
+        do = _Code(context, builder)
+        return do.plus(values[0], do.times(values[1], values[2]))
+
+    return columns(columns, types.float64, columns), code
+
+
+@intrinsic
+def raised(typing, totals, factors, at, columns):
+    """Totals, so many columns, each with its own factor times the columns: factors[m, at] of the m-th."""
+    def code(context, builder, signature, values):
+        do, (old, array, place, added) = _Code(context, builder), values
+        width = builder.extract_value(context.make_array(factors)(context, builder, array).shape, 1)
+        new = []
+        for one in do.all_of(old):
+            new.append(do.plus(one, do.times(do.read(factors, array, place), added)))
+            place = builder.add(place, width)
+        return do.together(totals, new)
+
+    return totals(totals, factors, types.int64, columns), code
+
+
+@intrinsic
+def mapped(typing, matrix, columns):
+    """A square matrix times so many columns."""
+    def code(context, builder, signature, values):
+        do, n = _Code(context, builder), len(columns)
+        old = do.all_of(values[1])
+        return do.together(columns, [do.dot(do.row(matrix, values[0], do.whole(n * r), n), old) for r in range(n)])
+
+    return columns(matrix, columns), code
+
+
 # Covariances: entry (r, c) of the lower half stands at r (r + 1) / 2 + c.
 
 def _entry(r: int, c: int) -> int:

@@ -13,7 +13,7 @@ from drivetool.drive.kernel import classify, fading, forget, guard_values, predi
 from drivetool.drive.laws import set_hold
 from drivetool.drive.modes import lookup
 from drivetool.drive.outputs import output_gradient, output_row
-from drivetool.drive.smooth import law_motion, law_step
+from drivetool.drive.smooth import law_step
 from drivetool.drive.smooth_events import law_rough_step, show
 from drivetool.drive.views import CACHE, LAWS, PASS, REAL, SYSTEM, WHOLE
 
@@ -37,17 +37,16 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
 
 
 @njit(**HOT)
-def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b, motion):
+def law_part(s, c, laws, k, x, held, i, clock, big, mode, part, b):
     """Carry x and big over a part of a sample; (slot of the mode, whether it was free of events).
 
-    k       slot of the mode, or -1 if it has to be looked up
-    motion  law_motion, or any_motion
+    k  slot of the mode, or -1 if it has to be looked up
     """
     if s.nf > 0:
         set_hold(s, c, laws, clock)
     if k < 0 or s.spans.size > 1:
         k = lookup(s, c, mode, part)
-    if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0], motion):
+    if law_step(s, c, laws, k, part, x, held, i, clock, big, mode, b, c.lines[0]):
         return k, True
     law_rough_step(laws.rough, s, c, laws, x, held, i, clock, big, mode, part)
     return -1, False
@@ -129,7 +128,7 @@ def go_through(s, c, laws, p, clock, glide, step):
         for part in range(parts):
             held = late if part < early else u
             if laws is not None:
-                first, free = law_part(s, c, laws, first, x, held, i, clock, big, mode, part, b, law_motion)
+                first, free = law_part(s, c, laws, first, x, held, i, clock, big, mode, part, b)
                 located += not free
                 clock += s.spans[part]
             else:

@@ -15,7 +15,7 @@ from numba import njit
 from drivetool.drive.compiled import APART, HOT, unit
 from drivetool.drive.kernel import stays
 from drivetool.drive.laws import gap_side, law_at, own_columns, slope_of
-from drivetool.drive.views import CACHE, LAWS, REALS, SYSTEM, WHOLE, WHOLES
+from drivetool.drive.views import CACHE, LAWS, REAL, REALS, SYSTEM, WHOLE, WHOLES
 
 ROUNDS = 8  # of Newton's method, after which shorter stretches are taken
 NEAR = 1e-2  # relative change of the torques, below which the change after it is the coupling's share of it at most
@@ -135,28 +135,17 @@ def motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl):
     return True
 
 
-@njit(**HOT)
+@unit(SYSTEM, CACHE, LAWS, WHOLE, WHOLE, REALS[1], REALS[2], WHOLE, REAL, WHOLES[1], REALS[1], REALS[1],
+      gives=WHOLE)
 def law_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
-    """Torques and states at middle and end of a part of a sample; False if an event may lie in it.
-
-    One law by itself: a size that is known makes loops without counting.
-    """
-    n, nl = laws.first, laws.code.size
-    if nl == 1:
-        return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, 1)
-    return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, n, nl)
-
-
-@njit(**HOT)
-def any_motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
-    """The same without one law by itself, which takes long to compile: for what is seldom asked."""
+    """Torques and states at middle and end of a part of a sample; 0 if an event may lie in it."""
     return motion_of(s, c, laws, k, part, x, u, i, time, mode, b, mid, laws.first, laws.code.size)
 
 
 @njit(**HOT)
-def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid, motion):
-    """Carry x and big over a part of a sample by `motion`; False, and nothing moved, if an event may lie in it."""
-    if not motion(s, c, laws, k, part, x, u, i, time, mode, b, mid):
+def law_step(s, c, laws, k, part, x, u, i, time, big, mode, b, mid):
+    """Carry x and big over a part of a sample; False, and nothing moved, if an event may lie in it."""
+    if not law_motion(laws.motion, s, c, laws, k, part, x, u, i, time, mode, b, mid):
         return False
     if big.shape[1] > 0:
         law_columns(laws.columns, s, c, laws, k, x, u, i, mode, mid, b, big)
@@ -198,17 +187,13 @@ def transition_of(c, laws, k, moved, slope, n, nl):
             moved[r, j] = v
 
 
-@njit(**HOT)
-def law_transition(c, laws, k, moved, slope):
+@unit(CACHE, LAWS, WHOLE, REALS[2])
+def law_transition(c, laws, k, moved):
     """moved (n, n) = derivative of the state after a part over that before it; its torques have been found.
 
-    What law_columns would make of the identity. slope (n,) is scratch
+    What law_columns would make of the identity.
     """
-    n, nl = laws.first, laws.code.size
-    if nl == 1:
-        transition_of(c, laws, k, moved, slope, n, 1)
-    else:
-        transition_of(c, laws, k, moved, slope, n, nl)
+    transition_of(c, laws, k, moved, c.vectors[3], laws.first, laws.code.size)
 
 
 @njit(**HOT)
@@ -369,8 +354,4 @@ def columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl):
 @unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
 def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
     """Sensitivities over a part without events; y, b are the states at its middle and its end."""
-    n, nl = laws.first, laws.code.size
-    if nl == 1:
-        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, 1)
-    else:
-        columns_of(s, c, laws, k, x, u, i, mode, y, b, big, n, nl)
+    columns_of(s, c, laws, k, x, u, i, mode, y, b, big, laws.first, laws.code.size)

@@ -21,6 +21,7 @@ PARAMETERS = 4  # of a smooth law, at most
 # The smooth laws by number.
 LAW_NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "load-step", "hardening", "load-damping")
 WIDE, NARROW = 8, 4  # columns that are carried from sample to sample at a time, and what may be left of them
+MOST_STATES, MOST_LAWS = 6, 4  # for which there is code made for just so many
 LOOKS = 8  # most instants inside a sample at which a guard is looked at
 
 
@@ -91,10 +92,11 @@ class Laws(NamedTuple):
 
     Scratch: found (3, nl, 3 + PARAMETERS) torques and derivatives at start, middle and end;
     weight, spare (2 nl, 2 nl) and change (2 nl, 1), right (2 nl, ns), the equations of the torques at middle and
-    end and of their sensitivities; slopes (nl, nx); after (first, ns); nodes (3, nx, ns + 2 nl) and term
-    (2, nx, ns + 2 nl)
+    end and of their sensitivities; slopes, begun, middle (nl, nx); after (first, ns); nodes (3, nx, ns + 2 nl) and
+    term (2, nx, ns + 2 nl)
 
-    torque, columns, rough, show    addresses of the units law_torque, law_columns, law_rough_step and show
+    torque, motion, columns, transition, spread, rough, show    addresses of the units law_torque, law_motion,
+    law_columns, law_transition, spread, law_rough_step and show
     """
 
     code: Int1
@@ -112,11 +114,16 @@ class Laws(NamedTuple):
     change: Float2
     right: Float2
     slopes: Float2
+    begun: Float2
+    middle: Float2
     after: Float2
     nodes: Float3
     term: Float3
     torque: int
+    motion: int
     columns: int
+    transition: int
+    spread: int
     rough: int
     show: int
 
@@ -132,7 +139,8 @@ class Cache(NamedTuple):
     net    (cap, nf, nz)            torque on a body without its Coulomb friction
     watch  (cap, elements, LOOKS + 1, nz)  guard value at the start of the part and at instants inside,
            over z at its start
-    mid    (cap, nx, nz)            x in the middle of the part, dmid its derivative: with laws only
+    mid    (cap, nx, nz)            x in the middle of the part, dmid its derivative, wide_mid that in blocks: with
+           laws only
     hold   (nf, 1)                  torque up to which friction holds a body at rest
     looks  (cap,)                   how many instants inside there are
     rate   (cap,)                   balanced norm of flow [1/s]
@@ -158,6 +166,7 @@ class Cache(NamedTuple):
     rate: Float1
     mid: Float3
     dmid: Float4
+    wide_mid: Float3
     hold: Float2
     jets: Float4
     square: Float2
@@ -245,7 +254,8 @@ def empty_cache(s: System, laws: Laws | None, addresses: tuple[int, int, int]) -
                  np.zeros((cap, nx, nz, jet - 1)), np.zeros((cap, -(-(jet - 1) // WIDE), WIDE * nx * nz)),
                  np.zeros((cap, s.nf, nz)),
                  np.zeros((cap, elements, LOOKS + 1, nz)), np.zeros(cap, np.int64), np.zeros(cap),
-                 np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)), s.level[:, :1].copy(),
+                 np.zeros((half, nx, nz)), np.zeros((half, nx, nz, jet - 1)),
+                 np.zeros((half, -(-(jet - 1) // WIDE), WIDE * nx * nz)), s.level[:, :1].copy(),
                  np.zeros((3, nx, nz, jet)), np.zeros((nx, nx)), np.zeros((nx, -(-s.plain // NARROW) * NARROW)),
                  np.zeros((3, nx, s.ns)),
                  np.zeros((ORDER + 1, nx)), np.zeros(ORDER + 1), np.zeros((5, nx)),
