@@ -83,7 +83,7 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
     truth, _ = _concealed(case, {h.code: h.size for h in case.hidden})
     for size in sizes:
         drawn, logger = _concealed(case, {rival: size * KINDS[rival].usual})
-        for machine in _in_step(drawn, truth):
+        for machine in (*_in_step(drawn, truth), *_of_other_order(drawn)):
             fields = plain_fields(machine, case.rig.machine.bodies) + law_fields(machine)
             found.append(_result(_Model(case, machine, logger, fields, records)))
     return min(found, key=lambda v: v.number)
@@ -96,6 +96,16 @@ def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
         return [machine]
     return [replace(machine, effects=replace(machine.effects, ripple=(amplitude, 1.0 / ratio, phase + k * math.pi)))
             for k in (0.0, 0.5, 1.0, 1.5)]
+
+
+def _of_other_order(machine: Machine) -> list[Machine]:
+    """The machine with a lag of first order for one of second and the other way round: which is drawn is chance."""
+    bandwidth, zeta = machine.converter_bandwidth, machine.converter_damping
+    if bandwidth is None:
+        return []
+    other = Machine.converter_damping if math.isinf(zeta) else math.inf
+    return [replace(machine, converter_damping=other,
+                    converter_bandwidth=bandwidth * 2.0 * other if math.isinf(zeta) else bandwidth / (2.0 * zeta))]
 
 
 def _concealed(case: Case, sizes: dict[str, float]):
