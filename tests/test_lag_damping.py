@@ -29,3 +29,18 @@ def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_
         assert line["std"] is None
     else:
         assert abs(line["value"] - damping) < 3.5 * line["std"] < 0.2
+
+
+@pytest.mark.parametrize("seed", [181014, 71003])
+def test_a_filter_of_first_order_is_not_called_an_overdamped_one_of_second(tmp_path, seed):
+    """Which is likelier by a hair on any record, and has two values that none tells."""
+    case = make_case("speed-filter", seed, seed=seed, bodies=2, duration=8.0)
+    logs, _ = case.write(tmp_path, tmp_path / "labels", visibility=False)
+    found = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
+                ["--candidates", "speed-filter"])
+    assert found.parameters["sensor.order"]["value"] == 1.0
+    assert "sensor.damping" not in found.parameters or found.parameters["sensor.damping"]["std"] is None
+    low, high = found.parameters["sensor.bandwidth"]["ci95"]
+    (hidden,) = case.label(False)["effects"]
+    truth = 1.0 / hidden["truth"]["sensor.filter_time"]
+    assert low < truth < high < 1.2 * low

@@ -16,6 +16,7 @@ from drivetool.check.model import BROKEN, Masks, Model, fit, judge
 from drivetool.check.smallest import resolved_at
 from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
+from drivetool.identify.engine import Task
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step
 from drivetool.identify.noise import normal_under
@@ -167,9 +168,21 @@ def damped(model: Model, base: Model, masks: Masks) -> Model:
     if not names or names[0] in model.task.free:
         return model
     start = added(model, {names[0]: drive.value(names[0])}, ()).task
-    problem = _bounded(problem_of(start.drive, start.free, start.roles, model.problem.traces), base, start)
-    trial = fit(model.code, start, problem, carried(model, start, problem), model.noise, masks)
-    return trial if trial.value < model.value - SHAPED else model
+    trial = _refitted(model, start, base, masks)
+    if trial.value > model.value - SHAPED:
+        return model
+    # Damped so much it is one of first order, whose two values nothing tells apart.
+    drive, (bandwidth, order) = trial.fitted.drive, (names[0].replace("damping", n) for n in ("bandwidth", "order"))
+    plain = trial.fitted.at({bandwidth: drive.value(bandwidth) / (2.0 * drive.value(names[0])), order: 1.0,
+                             names[0]: drive.quantity(names[0]).neutral})
+    simple = _refitted(trial, replace(plain, free=tuple(n for n in plain.free if n != names[0])), base, masks)
+    return simple if simple.value < trial.value + SHAPED else trial
+
+
+def _refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:
+    """A cause fitted with other parameters free, from where it is."""
+    problem = _bounded(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
+    return fit(model.code, task, problem, carried(model, task, problem), model.noise, masks)
 
 
 def _contenders(models: Sequence[Model], base: Model) -> list[Model]:
