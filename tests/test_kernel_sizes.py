@@ -29,6 +29,7 @@ CASES = {
     "three, shaft torque": (THREE, ("motor_speed", "shaft_torque"), {}),
     "three, angle": (THREE, ("motor_angle",), {}),
     "three, memory": (THREE, ("motor_speed", "load_speed"), {"memory": 0.97}),
+    "three, angle and memory": (THREE, ("motor_angle",), {"memory": 0.97}),
     "three, dead time": (changed(THREE, dead_time=0.6 * STEP), ("motor_speed",), {})}
 
 
@@ -56,7 +57,7 @@ def observed(request):
 def general(monkeypatch, plant):
     """The same plant, for which from now on the pass for any number of states is taken."""
     assert plant.nx in simulate.MADE_FOR
-    monkeypatch.setattr(simulate, "MADE_FOR", {})
+    monkeypatch.setattr(simulate, "MADE_FOR", ())
     return replace(plant)
 
 
@@ -126,7 +127,7 @@ def test_smooth_laws(case, observed):
         fast = law_plant_of(drive.with_values(values), layout)
         units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
         assert all(getattr(fast.laws, unit) != place for unit, place in units.items())
-        return fast, replace(fast, laws=fast.laws._replace(spread=address("spread"), **units))
+        return fast, replace(fast, laws=fast.laws._replace(spread=address("spread"), join=address("join"), **units))
 
     fast, slow = plants(free)
     start = rng.standard_normal(fast.nx) * 1e-2

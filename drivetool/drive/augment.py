@@ -12,8 +12,8 @@ from drivetool.drive.assemble import Assembly, Law, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
 from drivetool.drive.machine_code import address
-from drivetool.drive.simulate import MADE_FOR, Plant
-from drivetool.drive.system import LAW_NAMES, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
+from drivetool.drive.simulate import Plant
+from drivetool.drive.system import LAW_NAMES, MADE_FOR, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
 SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
@@ -114,5 +114,6 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
         np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((nl, s.nx)), np.zeros((first, ns)),
         np.zeros((3, s.nx, ns + 2 * nl)), np.zeros((2, s.nx, ns + 2 * nl)),
         address("law_torque"), *(address(unit + sized) for unit in ("law_motion", "law_columns", "law_transition")),
-        address("spread" + MADE_FOR.get(first, "")), address("law_rough_step"), address("show") if shown else 0)
+        *(address(f"{unit}_{first}" if first in MADE_FOR else unit) for unit in ("spread", "join")),
+        address("law_rough_step"), address("show") if shown else 0)
 

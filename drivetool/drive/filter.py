@@ -13,10 +13,12 @@ from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.outputs import output_row
+from drivetool.drive.registers import put, taker, turned
 from drivetool.drive.run import law_part, plain_step, reclassify, reveal
 from drivetool.drive.smooth import law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
-from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, REALS, SYSTEM
+from drivetool.drive.system import MADE_FOR, NARROW
+from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, REALS, SYSTEM, WHOLE
 
 
 @njit(**COMPILE)
@@ -104,10 +106,20 @@ def advance_covariance(p, f, noise, q, extra, t):
         p[j, j] += extra[j]
 
 
+# Units for the sake of those that are made for so many states.
 @unit(REALS[2], REALS[2], REALS[1], REAL, REALS[1], REALS[2])
 def spread(p, f, noise, q, extra, t):
-    """advance_covariance, by itself for the sake of those that are made for so many states."""
+    """advance_covariance."""
     advance_covariance(p, f, noise, q, extra, t)
+
+
+@unit(REALS[2], REALS[2], WHOLE, REALS[2])
+def join(f, moved, n, product):
+    """moved = f moved, of n rows and columns, through a scratch."""
+    multiply(f, moved, n, product)
+    for j in range(n):
+        for m in range(n):
+            moved[j, m] = product[j, m]
 
 
 @njit(**HOT)
@@ -153,10 +165,7 @@ def law_glided(s, c, laws, k, x, u, late, i, clock, mode, moved, noise, b):
             for j in range(n):
                 noise[j] = c.leap[k, j, x.size]
         else:
-            multiply(t, moved, n, product)
-            for j in range(n):
-                for m in range(n):
-                    moved[j, m] = product[j, m]
+            join(laws.join, t, moved, n, product)
             add_noise(c.leap, k, noise, b)
         clock += s.spans[part]
     return True
@@ -283,7 +292,23 @@ def spread_for(n: int) -> Callable:
     return spread
 
 
-spread_three, spread_four, spread_five, spread_six = (spread_for(n) for n in (3, 4, 5, 6))
+def join_for(n: int) -> Callable:
+    """The unit `join` for n states."""
+    columns = taker(n, NARROW)
+
+    @unit(REALS[2], REALS[2], WHOLE, REALS[2])
+    def join(f, moved, _, product):
+        width = moved.shape[1]
+        for q in range(0, n, NARROW):
+            block = columns(moved, q, width)
+            for r in range(n):
+                put(moved, q + r * width, turned(f, r * f.shape[1], block))
+
+    return join
+
+
+spread_3, spread_4, spread_5, spread_6, spread_7 = (spread_for(n) for n in MADE_FOR)
+join_3, join_4, join_5, join_6, join_7 = (join_for(n) for n in MADE_FOR)
 
 
 @unit(SYSTEM, CACHE, FILTERING, REAL, REAL)
@@ -303,8 +328,7 @@ def made_for(n: int) -> Callable:
     return kalman
 
 
-# Two masses, two with an angle, three, three with an angle.
-kalman_three, kalman_four, kalman_five, kalman_six = made_for(3), made_for(4), made_for(5), made_for(6)
+kalman_3, kalman_4, kalman_5, kalman_6, kalman_7 = (made_for(n) for n in MADE_FOR)
 
 
 @unit(SYSTEM, CACHE, LAWS, FILTERING, REAL, REAL)

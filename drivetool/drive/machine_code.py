@@ -23,7 +23,7 @@ from pathlib import Path
 import llvmlite
 from llvmlite import binding as llvm
 
-from drivetool.drive.system import MOST_LAWS, MOST_STATES
+from drivetool.drive.system import MADE_FOR, MOST_LAWS, MOST_STATES
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
@@ -34,12 +34,13 @@ KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in
 # Two lines, for a third on two cores keeps one of them from the longest.
 STEP = ("events.rough_step", "modes.work_out")
 GROUPS = (
-    *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("_three", "", "_four", "_five", "_six")),
+    *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("", *(f"_{n}" for n in MADE_FOR))),
     (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.law_rough_step",
       "smooth_events.show"),
-     ("filter.kalman_laws", "filter.spread", "smooth.law_transition", "laws.law_torque", "modes.work_out")),
+     ("filter.kalman_laws", "filter.spread", "filter.join", "smooth.law_transition", "laws.law_torque",
+      "modes.work_out")),
     (("events.switch_late",),),
-    *(((f"filter.spread{size}",),) for size in ("_three", "_four", "_five", "_six")),
+    *(((f"filter.spread_{n}", f"filter.join_{n}"),) for n in MADE_FOR),
     *(((f"smooth_sized.law_columns_{n}_{nl}",),
        (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
       for n in range(1, MOST_STATES + 1) for nl in range(1, MOST_LAWS + 1)),

@@ -15,6 +15,7 @@ from drivetool.drive.modes import lookup
 from drivetool.drive.outputs import output_gradient, output_row
 from drivetool.drive.smooth import law_step
 from drivetool.drive.smooth_events import law_rough_step, show
+from drivetool.drive.system import MADE_FOR
 from drivetool.drive.views import CACHE, LAWS, PASS, REAL, SYSTEM, WHOLE
 
 
@@ -175,8 +176,8 @@ def made_for(n: int) -> Callable:
     return run
 
 
-# Two masses, two with an angle, three, three with an angle.
-run_three, run_four, run_five, run_six = made_for(3), made_for(4), made_for(5), made_for(6)
+# Two masses, two with an angle, three, three with an angle, and that with a torque noise that remembers.
+run_3, run_4, run_5, run_6, run_7 = (made_for(n) for n in MADE_FOR)
 
 
 @unit(SYSTEM, CACHE, LAWS, PASS, REAL, gives=WHOLE)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivetool.drive.machine_code import address, function
-from drivetool.drive.system import Cache, Filtering, Laws, Pass, System, empty_cache
+from drivetool.drive.system import MADE_FOR, Cache, Filtering, Laws, Pass, System, empty_cache
 from drivetool.drive.table import packed, place_of
 
-MADE_FOR = {3: "_three", 4: "_four", 5: "_five", 6: "_six"}  # passes by number of states, for one input
 CHUNK = 8192  # samples whose sensitivities are in memory at a time
 
 
@@ -99,7 +98,7 @@ class Plant:
         """The part of the kernel that is made for this system."""
         if self.laws is not None:
             return f"{name}_laws"
-        return name + (MADE_FOR.get(self.nx, "") if self.system.nu == 1 else "")
+        return f"{name}_{self.nx}" if self.system.nu == 1 and self.nx in MADE_FOR else name
 
     def _start(self, start: np.ndarray) -> np.ndarray:
         x = np.zeros(self.system.nx)

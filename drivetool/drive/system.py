@@ -21,7 +21,8 @@ PARAMETERS = 4  # of a smooth law, at most
 # The smooth laws by number.
 LAW_NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "load-step", "hardening", "load-damping")
 WIDE, NARROW = 8, 4  # columns that are carried from sample to sample at a time, and what may be left of them
-MOST_STATES, MOST_LAWS = 6, 4  # for which there is code made for just so many
+MADE_FOR = range(3, 8)  # numbers of states for which, with one input, there is code made for just so many
+MOST_STATES, MOST_LAWS = 7, 4  # the same with smooth laws
 LOOKS = 8  # most instants inside a sample at which a guard is looked at
 
 
@@ -95,8 +96,8 @@ class Laws(NamedTuple):
     end and of their sensitivities; slopes, begun, middle (nl, nx); after (first, ns); nodes (3, nx, ns + 2 nl) and
     term (2, nx, ns + 2 nl)
 
-    torque, motion, columns, transition, spread, rough, show    addresses of the units law_torque, law_motion,
-    law_columns, law_transition, spread, law_rough_step and show
+    torque, motion, columns, transition, spread, join, rough, show    addresses of the units law_torque, law_motion,
+    law_columns, law_transition, spread, join, law_rough_step and show
     """
 
     code: Int1
@@ -124,6 +125,7 @@ class Laws(NamedTuple):
     columns: int
     transition: int
     spread: int
+    join: int
     rough: int
     show: int
 
