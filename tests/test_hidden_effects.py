@@ -130,6 +130,13 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
+def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
+    """What gained was another optimum of the base; the lag itself was as short as is looked for."""
+    answer, causes = answered("quantisation", 189015, tmp_path / "records", tmp_path / "labels",
+                              [], seed=189015, bodies=2)
+    assert grade(causes, answer) == "right", answer.talk
+
+
 @pytest.mark.study
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""

@@ -230,10 +230,13 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
 
     Where parameters trade against one another a standard error says little: the base begun there decides. Not over
     a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none. Nor is a
-    warm-up one of which the record does not show the end, or a ripple one that does not repeat.
+    warm-up one of which the record does not show the end, a ripple one that does not repeat, or a lag one that
+    leaves no trace.
     """
     if tried.model is not None and _endless(tried.model):
         return replace(tried, reason="it would take longer than the record to show, or no time", absent="no-gain")
+    if tried.model is not None and _traceless(tried.model, base):
+        return replace(tried, reason="it would be too short to leave a trace", absent="no-gain")
     if tried.model is not None and _unrepeated(tried.model):
         return replace(tried, reason="it would not repeat in the record", absent="no-gain")
     if tried.model is not None and _at_an_end(tried.model):
@@ -259,6 +262,12 @@ def _endless(model: Model) -> bool:
     """Whether a time constant of a warm-up lies on a bound."""
     values = zip(model.task.free, model.point.values, model.problem.low, model.problem.high, strict=True)
     return any(n.endswith(".drift_time") and not 1.01 * low < value < 0.99 * high for n, value, low, high in values)
+
+
+def _traceless(model: Model, base: Model) -> bool:
+    """Whether a lag is as short as is looked for: then the rest of its fit gains, and it is none."""
+    return any(n.endswith(".bandwidth") and n not in base.task.free and value > 0.99 * high
+               for n, value, high in zip(model.task.free, model.point.values, model.problem.high, strict=True))
 
 
 def _unrepeated(model: Model) -> bool:
