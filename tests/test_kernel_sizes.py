@@ -115,6 +115,25 @@ LAWS = {
     "three, memory": (drive_of(THREE), ("motor_speed",), DRAG, 0.97)}
 
 
+def by_any(plant):
+    """The same plant, whose laws are from now on stepped over by what serves any number of states and laws."""
+    units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
+    assert all(getattr(plant.laws, unit) != place for unit, place in units.items())
+    return replace(plant, laws=plant.laws._replace(spread=address("spread"), join=address("join"), **units))
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+def test_any_number_of_free_parameters(count):
+    """Columns are carried in blocks: none may reach into the next row."""
+    drive = ONE.with_values(DRAG | RIPPLE | BREAKAWAY)
+    free = ("motor.inertia", "motor.viscous", "motor.coulomb", *DRAG, *RIPPLE, *BREAKAWAY)[:count]
+    layout = Layout(free, ("motor_torque",), ("motor_angle",), STEP, gradient=True)
+    plant, trace = law_plant_of(drive, layout), Trace(levels(RIG, N, 2)[:, None], np.zeros((N, 1)), STEP)
+    (_, jac), (_, wanted) = (each.jacobian(trace, np.zeros(plant.nx)) for each in (plant, by_any(plant)))
+    for q in range(jac.shape[2]):
+        close(jac[:, :, q], wanted[:, :, q])
+
+
 @pytest.mark.parametrize("case", LAWS)
 def test_smooth_laws(case, observed):
     drive, outputs, values, memory = LAWS[case]
@@ -125,9 +144,7 @@ def test_smooth_laws(case, observed):
     def plants(free):
         layout = Layout(free, ("motor_torque",), outputs, STEP, gradient=bool(free), memory=memory)
         fast = law_plant_of(drive.with_values(values), layout)
-        units = {unit: address(f"law_{unit}") for unit in ("motion", "columns", "transition")}
-        assert all(getattr(fast.laws, unit) != place for unit, place in units.items())
-        return fast, replace(fast, laws=fast.laws._replace(spread=address("spread"), join=address("join"), **units))
+        return fast, by_any(fast)
 
     fast, slow = plants(free)
     start = rng.standard_normal(fast.nx) * 1e-2

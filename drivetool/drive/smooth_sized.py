@@ -85,7 +85,7 @@ def columns_for(n: int, nl: int) -> Callable:
     @unit(SYSTEM, CACHE, LAWS, WHOLE, REALS[1], REALS[2], WHOLE, WHOLES[1], REALS[1], REALS[1], REALS[2])
     def law_columns(s, c, laws, k, x, u, i, mode, y, b, big):
         found, right, middle, last, inverse = laws.found, laws.right, laws.middle, laws.slopes, laws.spare
-        leap, mid, d, dmid, ns = c.leap[k], c.mid[k], c.wide[k], c.wide_mid[k], big.shape[1]
+        leap, mid, d, dmid, ns, line = c.leap[k], c.mid[k], c.wide[k], c.wide_mid[k], big.shape[1], right.shape[1]
         for m in range(nl):
             torque_row(laws, m, mode, s.nq, x, found[0, m], big, big[n + 3 * m], n)
         for at in range(n + 1, rows):  # of the torques at middle and end, for they are not known yet
@@ -99,9 +99,10 @@ def columns_for(n: int, nl: int) -> Callable:
             slope_of(laws.arguments, m, found[2, m], last[m], n)
         invert(laws.weight, inverse, 2 * nl)
         z, torque = state(x, 0, 1), u[i, 0]
+        # Parameters come in fours, and behind them at least two more columns: no block ends behind the last one.
         for block in range(d.shape[0]):
             q = WIDE * block
-            v, at_mid, at_end = wide(big, q, ns), all_wide(right, q, ns), all_wide(right, q + nl * ns, ns)
+            v, at_mid, at_end = wide(big, q, ns), all_wide(right, q, line), all_wide(right, q + nl * line, line)
             for r in range(n):
                 if asked(middle, r):
                     at_mid = raised(at_mid, middle, r, turned_with(mid, r * width, v, dmid[block], z, torque))
@@ -110,7 +111,8 @@ def columns_for(n: int, nl: int) -> Callable:
                 at_end = raised(at_end, last, r, row)
             close(mapped(inverse, at_mid + at_end), leap, big, q, one_wide)
         for q in range(WIDE * d.shape[0], ns, NARROW):
-            w, at_mid, at_end = narrow(big, q, ns), all_narrow(right, q, ns), all_narrow(right, q + nl * ns, ns)
+            w = narrow(big, q, ns)
+            at_mid, at_end = all_narrow(right, q, line), all_narrow(right, q + nl * line, line)
             for r in range(n):
                 if asked(middle, r):
                     at_mid = raised(at_mid, middle, r, turned(mid, r * width, w))
