@@ -137,6 +137,14 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
+    """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
+    answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "wrong-sign,stribeck-motor,torque-ripple"], seed=770022, bodies=2,
+                              sensors=("motor_speed", "shaft_torque"), record="one-directional")
+    assert grade(causes, answer) == "right", answer.talk
+
+
 @pytest.mark.study
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""

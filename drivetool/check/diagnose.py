@@ -20,7 +20,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.judgement import UNEXPLAINED
 from drivetool.check.lateness import lag_of
 from drivetool.check.load_scale import load_scale
-from drivetool.check.model import Masks, Model, everything, from_start
+from drivetool.check.model import Masks, Model, everything, from_start, heard_afresh
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import LATE, Fault, preflight
 from drivetool.check.rounds import Search
@@ -217,4 +217,4 @@ def base_model(task: Task, masks: Masks | None = None, begun: Mapping[str, float
     if strayed(base, begun):
         again = from_start(task.at({n: begun[n] for n in task.free if n in begun}), masks, rounds=10)
         base = min(base, again, key=lambda m: m.value)
-    return with_parts(base, masks)
+    return with_parts(heard_afresh(base, masks), masks)

@@ -168,6 +168,19 @@ def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> 
     return fit("base", task, problem, point, first_noise(problem, point, masks), masks, rounds=rounds)
 
 
+def heard_afresh(model: Model, masks: Masks) -> Model:
+    """The model, or the likelier one under the noise that is found where none is known.
+
+    A noise that was begun far from the estimate may have settled where no way leads downhill: all in one sensor.
+    """
+    if model.noise.memory is not None:
+        return model
+    noise = first_noise(model.problem, model.point, masks)
+    if judge(model.problem, model.point, noise, masks) > model.value - SETTLED:
+        return model
+    return fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=10)
+
+
 def first_noise(problem: Problem, point: Point, masks: Masks) -> Noise:
     """The noise at a point where none has been fitted: its figures looked for far around."""
     return listened(problem, point, fit_ratio(problem, point, Noise(1.0, None, problem.scale)), masks)

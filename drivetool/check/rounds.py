@@ -34,7 +34,7 @@ from drivetool.check.hypothesis import (
     without,
 )
 from drivetool.check.imitation import imitates
-from drivetool.check.model import Model, at_rest, fit, judge, sensor_std, whitened
+from drivetool.check.model import Model, at_rest, fit, heard_afresh, judge, sensor_std, whitened
 from drivetool.check.needless import NESTED
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault
@@ -312,7 +312,7 @@ class Search:
         places = {s.model.code: place for s in scores if s.model.code in decision.between
                   and (place := place_of(s.model)) is not None}
         self.ends = {}  # they lack what is adopted now
-        rested = returned(at_rest(best.model, self.masks), self.begun, self.masks)
+        rested = heard_afresh(returned(at_rest(best.model, self.masks), self.begun, self.masks), self.masks)
         self.trained = best.trained
         rested, gain = self._with_further_orders(rested, best.gain)
         added = [n for n in rested.task.free if n not in before]
