@@ -137,6 +137,14 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured(tmp_path):
+    """By 5 %: the motor alone tells its scale to 2.3 %, together with what it says of the resonance to 0.4 %."""
+    answer, causes = answered("wrong-scale-shaft", 189023, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "wrong-scale,coulomb-load"], seed=189023, bodies=2,
+                              sensors=("motor_speed", "shaft_torque"), record="one-directional")
+    assert grade(causes, answer) == "right", answer.talk
+
+
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",

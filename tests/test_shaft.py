@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivetool.check.model import from_start
+from drivetool.check.model import everything, from_start
 from drivetool.check.shaft import lead_of, scale_of, shaft_fault
+from drivetool.check.shaft_scale import likeliest
 from drivetool.drive.chain import three_mass
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -70,6 +71,19 @@ def test_a_wrong_sensor_is(seed, scale, code):
     assert fault.code == code
     right = record.signals["shaft_torque"] / scale
     np.testing.assert_allclose(mended[0].signals["shaft_torque"], right, rtol=0.05)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.05, 0.9])
+@pytest.mark.parametrize("seed", HEAVY + LIGHT)
+def test_the_scale_fitted_together_with_the_drive_is_within_its_error(seed, scale):
+    """And gains what two fits from the start gain."""
+    record, drive = recorded(seed, scale)
+    task = Task(drive, FREE, roles_of([record], drive), (record,))
+    model = from_start(task, rounds=10)
+    log, std, lead, _ = likeliest(model, everything(model.problem))
+    assert abs(log - np.log(scale)) < 3.0 * std
+    assert std < 0.02
+    np.testing.assert_allclose(lead, lead_of(float(np.exp(log)), [task]), rtol=0.02, atol=1.0)
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.5, -1.0])

@@ -20,13 +20,14 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.judgement import UNEXPLAINED
 from drivetool.check.lateness import lag_of
 from drivetool.check.load_scale import load_scale
-from drivetool.check.model import Masks, Model, everything, from_start, heard_afresh
+from drivetool.check.model import BROKEN, Masks, Model, everything, from_start, heard_afresh
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import LATE, Fault, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.second_look import second_look
-from drivetool.check.shaft import rescaled, shaft_fault
+from drivetool.check.shaft import BLAMED, SCALE, scale_fault, shaft_fault
+from drivetool.check.shaft_scale import likelier_so, scale_beside
 from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.story import tell
 from drivetool.drive.chain import Drive
@@ -101,10 +102,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         # What was commanded before the record comes through in it: nobody knows what that was.
         mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
         search = searched(asked, mended, drive, faults)
-    other = shaft_again(search, mended, blamed, wanted)
-    if other is not None:
-        mended, values, faults = other
-        search = searched(asked, mended, drive.with_values({n: values[n] for n in free if n in values}), faults)
+    search = with_shaft_scale(asked, search, mended, blamed)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search.leave_out(*without_surprises(search.model, mended[:len(search.model.task.experiments)]))
     return tell(search, drive, options)
@@ -145,29 +143,28 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     return second_look(search)
 
 
-def shaft_again(search: Search, mended: Sequence[Experiment], blamed: Sequence[Fault], wanted: Sequence[str],
-                ) -> tuple[tuple[Experiment, ...], Mapping[str, float], list[Fault]] | None:
-    """(records, values to start from, faults) where a sensor has another scale with the causes that were found.
+def with_shaft_scale(asked: Asked, search: Search, records: Sequence[Experiment], blamed: Sequence[Fault],
+                     ) -> Search:
+    """The search, or another one where the shaft torque has another scale beside the causes that were found.
 
-    Without them the base made up for what it lacks, and the shaft torque was held against that. A plain sign has no
-    standard error and stays.
+    Without those the base made up for what it lacks, and the shaft torque was held against that.
 
     blamed  what the shaft torque was blamed for, undone in the records
     """
-    told = [f.finding.evidence for f in blamed if "std" in f.finding.evidence]
-    if not told or not search.found.causes:
-        return None
-    factor, std = told[0]["factor"], told[0]["std"]
-    task = search.model.fitted
+    found = scale_beside(search, records) if "wrong-scale" in asked.wanted else None
+    if found is None:
+        return search
+    factor = found.factor * (blamed[0].finding.evidence["factor"] if blamed else 1.0)
+    faults = [f for f in search.faults if f not in blamed]
+    if abs(factor - 1.0) > max(SCALE, BLAMED * found.std):
+        faults.insert(0, scale_fault(factor, abs(factor) * found.std / found.factor))
+    drive, free = search.origin.task.drive, search.origin.task.free
+    values = {n: found.values[n] for n in free if n in found.values}
     try:
-        records, drive, faults = shaft_fault(rescaled(mended, 1.0 / factor), task.drive, task.free, wanted,
-                                              search.begun)
-    except (np.linalg.LinAlgError, DriveToolError):
-        return None
-    found = faults[0].finding.evidence["factor"] if faults else 1.0
-    if abs(found - factor) < std:
-        return None
-    return records, drive.values, [*faults, *(f for f in search.faults if f not in blamed)]
+        again = searched(asked, found.records, drive.with_values(values), faults)
+    except BROKEN:
+        return search
+    return again if likelier_so(again, search, found.factor) else search
 
 
 def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment], drive: Drive, free: Sequence[str],

@@ -70,15 +70,20 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
         near = abs(factor + 1.0) < BLAMED * error
         if near or lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
             factor, error, model = -1.0, np.nan, turned  # a sign is no measured number
-    code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
-    if code not in wanted:
+    fault = scale_fault(factor, error)
+    if fault.code not in wanted:
         return tuple(experiments), drive, []
-    fault = Fault(code, Finding(
+    return rescaled(experiments, factor), model.fitted.drive, [fault]
+
+
+def scale_fault(factor: float, error: float) -> Fault:
+    """The sensor that reads `factor` times the shaft torque; an error that is no number: it has the wrong sign."""
+    code = "wrong-sign" if factor < 0.0 and abs(abs(factor) - 1.0) < 0.3 else "wrong-scale"
+    return Fault(code, Finding(
         "warning", code,
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
         "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."))
-    return rescaled(experiments, factor), model.fitted.drive, [fault]
 
 
 def scale_of(model: Model, measured: np.ndarray, step: float) -> tuple[float, float]:

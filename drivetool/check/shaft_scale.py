@@ -1,0 +1,118 @@
+"""The scale of a shaft torque sensor, fitted together with the drive and with all that was found.
+
+Held against the motor alone it comes out to a few per cent where the record is short. What that leaves tells as
+much as a missing law, but without the laws that are missing another scale may stand in for them: so it is asked
+last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drivetool.check.decide import LEAST, SURPLUS
+from drivetool.check.heldout import unlikely
+from drivetool.check.model import BROKEN, Masks, Model, fit
+from drivetool.check.rounds import Search
+from drivetool.check.shaft import BLAMED, SCALE, rescaled
+from drivetool.identify.noise import by_parabolas
+from drivetool.logs.experiment import Experiment
+
+ROLE = "shaft_torque"
+STEP = 0.01  # relative change of the scale, of a first step
+FAR = 0.3  # beyond, the motor alone tells it
+CLOSE = 5e-4  # of a scale to one that was tried, for which another fit does not pay
+TRIED = 3  # widths over which the curvature is looked at
+
+
+class Scaled(NamedTuple):
+    """The records with another scale of their shaft torque.
+
+    factor   by which the sensor is too large; std its standard error
+    records, values  with the factor undone, and the drive fitted to those
+    """
+
+    factor: float
+    std: float
+    records: tuple[Experiment, ...]
+    values: Mapping[str, float]
+
+
+def scale_beside(search: Search, records: Sequence[Experiment]) -> Scaled | None:
+    """The scale of the shaft torque beside what was found, None where there is no sensor or it is right.
+
+    records  that the search was over
+    """
+    model = search.model
+    if ROLE not in model.task.roles.outputs:
+        return None
+    with suppress(*BROKEN):
+        log, std, lead, other = likeliest(model, search.masks)
+        factor = float(np.exp(log))
+        sure = unlikely(lead, 1) > np.log(1.0 / search.options.error_budget)
+        if abs(factor - 1.0) > max(SCALE, BLAMED * factor * std) and sure:
+            return Scaled(factor, factor * std, rescaled(records, factor), other.fitted.drive.values)
+    return None
+
+
+def likeliest(model: Model, masks: Masks) -> tuple[float, float, float, Model]:
+    """(log of the factor that makes all that was measured most likely, its std, what it gains, the model so).
+
+    A torque noise that makes up for a wrong scale bends the likelihood away from a parabola: so downhill by ever
+    longer steps first. The std is infinite where it has no maximum nearby.
+    """
+    count, known = measured_samples(model, masks), {0.0: with_scale(model, 1.0, masks)}
+
+    def at(log: float) -> float:
+        if log not in known:
+            near = min(known, key=lambda other: abs(other - log))
+            known[log] = with_scale(known[near], float(np.exp(log - near)), masks)
+        return known[log].value + count * log
+
+    side = STEP if at(STEP) < at(-STEP) else -STEP
+    way = [-side, 0.0, side]
+    while at(way[-1]) < at(way[-2]) and abs(way[-1]) < FAR:
+        way.append(3.0 * way[-1] - 2.0 * way[-2])
+    log = by_parabolas(at, np.array(way), close=CLOSE)
+    return log, _width(at, log), at(0.0) - at(log), known[log]
+
+
+def _width(value: Callable[[float], float], at: float) -> float:
+    """Standard deviation by the curvature over about three of them on either side."""
+    reach = STEP
+    for _ in range(TRIED):
+        bend = (value(at - reach) - 2.0 * value(at) + value(at + reach)) / reach**2
+        if not bend > 0.0:
+            return np.inf
+        std = float(1.0 / np.sqrt(bend))
+        if reach < 4.0 * std:
+            return std
+        reach = 3.0 * std
+    return std
+
+
+def with_scale(model: Model, factor: float, masks: Masks) -> Model:
+    """The model fitted to its records with their shaft torque divided by a factor."""
+    column = model.task.roles.outputs.index(ROLE)
+    over = np.where(np.arange(len(model.noise.scale)) == column, factor, 1.0)
+    traces = tuple(replace(t, outputs=t.outputs / over) for t in model.problem.traces)
+    noise = replace(model.noise, scale=model.noise.scale / over)
+    return fit(model.code, model.task, replace(model.problem, traces=traces), model.point, noise, masks, rounds=3)
+
+
+def measured_samples(model: Model, masks: Masks) -> int:
+    """How many samples of the shaft torque count."""
+    column = model.task.roles.outputs.index(ROLE)
+    return sum(int(np.isfinite(t.outputs[mask, column]).sum())
+               for t, mask in zip(model.problem.traces, masks, strict=True))
+
+
+def likelier_so(again: Search, search: Search, factor: float) -> bool:
+    """Whether a search over records with a factor undone explains all that was measured better than one without."""
+    lead = (search.model.value - again.model.value
+            - measured_samples(search.model, search.masks) * float(np.log(factor)))
+    return lead > LEAST + SURPLUS * (1 + len(again.model.task.free) - len(search.model.task.free))
