@@ -154,6 +154,14 @@ def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
 
 
 @pytest.mark.study
+def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp_path):
+    """Of a tenth of the twist: by itself the law of the shaft is worth as much, beside the friction a third."""
+    answer, causes = answered(("backlash", "coulomb-load"), 189000, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "backlash,hardening-stiffness,coulomb-load"], seed=189000)
+    assert grade(causes, answer) == "right", answer.talk
+
+
+@pytest.mark.study
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""
     answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.afresh import at_start, beside_gap, likelier, returned, strayed
-from drivetool.check.afterwards import SPOILT, doubts_again, drop_needless
+from drivetool.check.afterwards import SPOILT, doubts_again, drop_needless, look_alikes_again
 from drivetool.check.arrival import all_arrived
 from drivetool.check.between_records import Change, change_between
 from drivetool.check.candidates import CANDIDATES, Candidate
@@ -93,7 +93,18 @@ class Search:
         self.first, self.first_folds = base, folds_of(both(base, self.masks), self.samples)
 
     def run(self) -> Search:
-        """All rounds, until nothing more is found."""
+        """All rounds, until nothing more is found; further ones where a cause turned out another one by then."""
+        self._rounds()
+        drop_needless(self)
+        if doubts_again(self):
+            drop_needless(self)
+            self.rounds = [one for one in self.rounds if one.cause]
+            self._rounds()
+        self.change = change_between(self.model, self.folds)
+        return self
+
+    def _rounds(self) -> None:
+        """Round by round, until nothing more is found."""
         for number in range(len(self.rounds), self.options.rounds + 1):
             budget = self.options.error_budget * 0.5 ** (number + 1)
             tried = self.attempts()
@@ -124,10 +135,7 @@ class Search:
             if stage is None:
                 break
             self.stand_on(self.model)
-        drop_needless(self)
-        doubts_again(self)
-        self.change = change_between(self.model, self.folds)
-        return self
+            look_alikes_again(self)
 
     def with_doubles(self, tried: Sequence[Tried], scores: Sequence[Score], decision: Decision) -> list[Score]:
         """The scores, and those of causes that look like the ones decided for but were not to be looked for."""
