@@ -83,7 +83,7 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
     truth, _ = _concealed(case, {h.code: h.size for h in case.hidden})
     for size in sizes:
         drawn, logger = _concealed(case, {rival: size * KINDS[rival].usual})
-        for machine in (*_in_step(drawn, truth), *_of_other_order(drawn)):
+        for machine in (*_in_step(drawn, truth), *_of_other_order(drawn), *_over_all_speeds(drawn, case.rig.top)):
             fields = plain_fields(machine, case.rig.machine.bodies) + law_fields(machine)
             found.append(_result(_Model(case, machine, logger, fields, records)))
     return min(found, key=lambda v: v.number)
@@ -106,6 +106,17 @@ def _of_other_order(machine: Machine) -> list[Machine]:
     other = Machine.converter_damping if math.isinf(zeta) else math.inf
     return [replace(machine, converter_damping=other,
                     converter_bandwidth=bandwidth * 2.0 * other if math.isinf(zeta) else bandwidth / (2.0 * zeta))]
+
+
+def _over_all_speeds(machine: Machine, top: float) -> list[Machine]:
+    """The machine with breakaway friction that falls over all of its speeds: in one direction a drag is like it."""
+    extra = machine.effects.stribeck
+    if not any(extra):
+        return []
+    return [replace(machine, effects=replace(
+        machine.effects, stribeck=tuple(more * each for each in extra),
+        stribeck_speed=tuple(0.5 * top if each else v for each, v in zip(
+            extra, machine.effects.stribeck_speed, strict=True)))) for more in (3.0, 10.0)]
 
 
 def _concealed(case: Case, sizes: dict[str, float]):
