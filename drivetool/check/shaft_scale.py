@@ -16,16 +16,19 @@ import numpy as np
 
 from drivetool.check.decide import LEAST, SURPLUS
 from drivetool.check.heldout import unlikely
-from drivetool.check.model import BROKEN, Masks, Model, fit
+from drivetool.check.model import BROKEN, Masks, Model, fit, judge
 from drivetool.check.rounds import Search
 from drivetool.check.shaft import BLAMED, SCALE, rescaled
+from drivetool.drive.chain import GEARED
 from drivetool.identify.noise import by_parabolas
+from drivetool.identify.problem import Point
 from drivetool.logs.experiment import Experiment
 
 ROLE = "shaft_torque"
 STEP = 0.01  # relative change of the scale, of a first step
 FAR = 0.3  # beyond, the motor alone tells it
 CLOSE = 5e-4  # of a scale to one that was tried, for which another fit does not pay
+POWERS = {"inertia": 2, **GEARED}  # of the turns of the motor for one of a body, by which what it has counts less
 TRIED = 3  # widths over which the curvature is looked at
 
 
@@ -100,8 +103,25 @@ def with_scale(model: Model, factor: float, masks: Masks) -> Model:
     column = model.task.roles.outputs.index(ROLE)
     over = np.where(np.arange(len(model.noise.scale)) == column, factor, 1.0)
     traces = tuple(replace(t, outputs=t.outputs / over) for t in model.problem.traces)
-    noise = replace(model.noise, scale=model.noise.scale / over)
-    return fit(model.code, model.task, replace(model.problem, traces=traces), model.point, noise, masks, rounds=3)
+    problem, noise = replace(model.problem, traces=traces), replace(model.noise, scale=model.noise.scale / over)
+    start = min((model.point, _shared_anew(model, factor)), key=lambda p: judge(problem, p, noise, masks))
+    return fit(model.code, model.task, problem, start, noise, masks, rounds=3)
+
+
+def _shared_anew(model: Model, factor: float) -> Point:
+    """All behind the shaft smaller by the factor, and what that loses given to the motor: it moves as before."""
+    drive, own = model.fitted.drive, dict(zip(model.task.free, model.point.values.tolist(), strict=True))
+    motor, turns = drive.bodies[0], dict(zip(drive.bodies, drive.turns(), strict=True))
+    for name, value in list(own.items()):
+        owner, _, suffix = name.rpartition(".")
+        if owner in drive.shafts and suffix in ("stiffness", "damping"):
+            own[name] = value / factor
+        elif owner in drive.bodies[1:] and suffix in POWERS:
+            own[name] = value / factor
+            if f"{motor}.{suffix}" in own:
+                own[f"{motor}.{suffix}"] += (value - own[name]) * turns[owner] ** -POWERS[suffix]
+    values = np.clip(np.array(list(own.values())), model.problem.low, model.problem.high)
+    return replace(model.point, values=values)
 
 
 def measured_samples(model: Model, masks: Masks) -> int:
