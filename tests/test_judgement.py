@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from drivetool.check import judgement
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
 from drivetool.check.found import Found
@@ -23,7 +24,7 @@ def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), 
     line = CandidateResult(code, "", "named", gain, gain_std, 50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[], found=found, left=Remainder(left, 0.0, 0.0, time), rounds=[Round(code, (line,))],
-        confident=left <= 0.15 * gain, model=SimpleNamespace(task=SimpleNamespace(free=free)))
+        trained=(), folds=(), confident=left <= 0.15 * gain, model=SimpleNamespace(task=SimpleNamespace(free=free)))
 
 
 def gain(before, after, left=0.0, std=0.05):
@@ -64,6 +65,17 @@ def test_rivals_of_a_part_stay_rivals():
 def test_rivals_beside_a_torque_noise_that_is_none_may_be_neither(share, after, more):
     found = judged(search_with("speed-filter", rivals=("converter-lag",)), CLEAN, gain(2.0, after), share)
     assert (found.verdict, found.between) == ("undetermined", ("speed-filter", "converter-lag", *more))
+
+
+@pytest.mark.parametrize(("share", "left", "made", "verdict"), [
+    (0.04, 0.0, 1.5, "named"),  # a ripple at creeping speed, where every knock decides which way the drive goes
+    (0.04, 0.0, 0.9, "undetermined"),  # noise alone does not go so far astray
+    (0.04, 3.0, 1.5, "undetermined"),  # single steps are not white
+    (0.08, 0.0, 1.5, "undetermined")])  # more than a torque has
+def test_a_run_that_noise_leads_astray_is_no_doubt(monkeypatch, share, left, made, verdict):
+    monkeypatch.setattr(judgement, "error_by_noise", lambda *_: made)
+    found = judged(search_with("torque-ripple", left=left), CLEAN, gain(3.0, 1.9), share)
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize(("code", "worth", "sure", "verdict"), [

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.model import BROKEN
+from drivetool.check.noise_run import error_by_noise
 from drivetool.check.sentence import taken_for_noise
 from drivetool.drive.effects.load_step import TORQUES
 from drivetool.errors import Finding
@@ -21,6 +23,8 @@ PART = 0.3  # of that error, or of what could be explained, that is part of the 
 SURELY = 2.0  # standard errors of a gain on data held out
 EVENTS = ("load-step", "friction-drift")  # which blocks of a record see unequally
 PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say
+SOME = 0.05  # of the torque's spread: a noise of the torque as drives have it
+FORETOLD = 1.5  # of the error that noise makes, up to which it is no sign of anything else
 SCATTER = "data held out tell it by less than two standard errors"
 SEVERAL = "a load that changes several times can stand in for a law, and what it leaves is not noise alone"
 
@@ -53,16 +57,34 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
         left = f"{gain.unexplained_percent:.0f} % of what could be explained is left"
         between = dict.fromkeys((*search.found.causes, *search.found.between, UNLISTED))
         return Judgement("undetermined", faults, tuple(between), left)
-    if found.verdict == "undetermined" and search.found.between and taken_for_noise(gain, share):
+    if found.verdict == "undetermined" and search.found.between and hides(search, gain, share):
         return replace(found, between=tuple(dict.fromkeys((*found.between, UNLISTED))))
     if found.verdict != "named" or not search.found.causes:
         return found
-    if taken_for_noise(gain, share):
+    if hides(search, gain, share):
         return _without(found, [max(search.found.causes, key=lambda c: search.found.evidence[c])])
     hardly = hardly_told(search)
     if hardly:
         return _without(found, hardly, SCATTER)
     return _without(found, ["load-step"], SEVERAL) if stands_in(search) else found
+
+
+def hides(search: Search, gain: Gain, share: float) -> bool:
+    """Whether a law in no catalogue may hide behind the noise of the torque.
+
+    Not where single steps leave nothing, a drive may have so much noise, and that alone makes as large an error of
+    free runs: a law that stands behind it would have to be as quick as noise, and go astray no further.
+
+    share  std of the torque's noise over the spread of the torque
+    """
+    if not taken_for_noise(gain, share):
+        return False
+    if share > SOME or search.left.total > 0.0:
+        return True
+    try:
+        return gain.held_out_rmse_after > FORETOLD * error_by_noise(search.trained, search.folds)
+    except BROKEN:
+        return True
 
 
 def _without(found: Judgement, doubted: Sequence[str], doubt: str = "") -> Judgement:
