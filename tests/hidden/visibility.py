@@ -90,11 +90,11 @@ def separation(case: Case, rival: str, sizes: tuple[float, ...] = (0.3, 1.0, 3.0
 
 
 def _in_step(machine: Machine, truth: Machine) -> list[Machine]:
-    """The machine, its ripple begun at the order of a true imbalance: no fit finds an order or a sign from afar."""
-    (amplitude, _, phase), (weight, ratio, _) = machine.effects.ripple, truth.effects.imbalance
+    """The machine, its ripple begun as a true imbalance: no fit finds an order, a size or a sign from afar."""
+    (amplitude, _, _), (weight, ratio, phase) = machine.effects.ripple, truth.effects.imbalance
     if amplitude == 0.0 or weight == 0.0:
         return [machine]
-    return [replace(machine, effects=replace(machine.effects, ripple=(amplitude, 1.0 / ratio, phase + k * math.pi)))
+    return [replace(machine, effects=replace(machine.effects, ripple=(weight, 1.0 / ratio, phase + k * math.pi)))
             for k in (0.0, 0.5, 1.0, 1.5)]
 
 
