@@ -172,11 +172,12 @@ def heard_afresh(model: Model, masks: Masks) -> Model:
     """The model, or the likelier one under the noise that is found where none is known.
 
     A noise that was begun far from the estimate may have settled where no way leads downhill: all in one sensor.
+    A trifle is no reason: parameters that absorb slow torque noise are a little likelier without any.
     """
     if model.noise.memory is not None:
         return model
     noise = first_noise(model.problem, model.point, masks)
-    if judge(model.problem, model.point, noise, masks) > model.value - SETTLED:
+    if judge(model.problem, model.point, noise, masks) > model.value - MOVING:
         return model
     return fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=10)
 
