@@ -1,11 +1,12 @@
 """Hidden-effect study: diagnose over fresh machines and seeds; hours, and it can be interrupted.
 
-    DRIVETOOL_STUDY_CASES=20 DRIVETOOL_STUDY_NULLS=1000 make study
+    DRIVETOOL_STUDY_ROUNDS=effect=3,pair=3,mixed=1,removed=1,limit=1,none=42 make study
     python -m tests.study_diagnose            # the tables of what has been run so far
 
-Every case is a line of build/study_diagnose-<hash>.jsonl; those that are there are not run again. The
-hash is that of the code that fits and judges: another tool starts another file, unless
-DRIVETOOL_STUDY_RESULTS says which to go on with.
+A round is one case of every effect, each on a machine of its own (of limits: all of them on one, with four
+sizes; of pairs, both; ten mixed ones; as many records without effects as there are effects). Every case is a
+line of build/study_diagnose-<hash>.jsonl; those that are there are not run again. The hash is that of the code
+that fits and judges: another tool starts another file, unless DRIVETOOL_STUDY_RESULTS says which to go on with.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ ROOT = Path(__file__).parent.parent
 # Seeds that no other test uses; DRIVETOOL_STUDY_SHIFT draws others.
 SHIFT = int(os.environ.get("DRIVETOOL_STUDY_SHIFT", "0"))
 FIRST_SEED, FIRST_NULL, FIRST_MIXED = 50_000 + SHIFT, 60_000 + SHIFT, 80_000 + SHIFT
-MIXED = 10  # of them beside one of every effect
+MIXED = 10  # of them a round
+# Parts of the study, and rounds of each.
+ROUNDS = {"effect": 20, "pair": 20, "mixed": 20, "removed": 20, "limit": 2, "none": 42}
 # Visible: half the square is 50 units of log likelihood on the whole record, so that each of eight
 # held-out folds has more than the log of a hundred that a discovery must show.
 VISIBLE = 10.0
@@ -104,27 +107,43 @@ def mixed(seed: int) -> Plan:
     return Plan("mixed", f"mixed/{'+'.join(kinds)}/{seed}", tuple(kinds), options)
 
 
-def plans(cases: int, nulls: int) -> list[Plan]:
-    """Everything the study wants, in the order in which it is run: a bit of every part first."""
+def rounds_wanted(text: str) -> dict[str, int]:
+    """Rounds per part, of words like `effect=3,none=42`; parts that are not named are not run."""
+    found = {part: int(number) for part, _, number in (word.partition("=") for word in text.split(","))}
+    if unknown := set(found) - set(ROUNDS):
+        raise ValueError(f"parts of the study are {', '.join(ROUNDS)}, not {', '.join(sorted(unknown))}")
+    return found
+
+
+def plans(rounds: Mapping[str, int] = ROUNDS) -> list[Plan]:
+    """Everything the study wants, in the order in which it is run: a bit of every part first.
+
+    rounds  per part
+    """
     found = []
-    for i in range(max(cases, -(-nulls // (len(KINDS) or 1)))):
-        if i < cases:
-            for code, kind in KINDS.items():
-                options = varied(FIRST_SEED + i)
-                options["bodies"] = max(int(options.get("bodies", 2)), kind.bodies)
-                if code == "imbalance":  # a weight off the axis needs an axis that turns
-                    options["linear"] = False
-                found.append(Plan("effect", f"effect/{code}/{i}", (code,), options))
-                found.append(Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)))
-                found += [Plan("limit", f"limit/{code}/{aim:g}/{i}", (code,), options, (), aim)
-                          for aim in (() if code.startswith("wrong-sign") else AIMS)]
-            for pair in PAIRS:
-                options = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i}
-                found.append(Plan("pair", f"pair/{'+'.join(pair)}/{i}", pair, options))
+    for i in range(max(rounds.values())):
+        wanted = {part for part, number in rounds.items() if i < number}
+        for seed, (code, kind) in enumerate(KINDS.items(), FIRST_SEED + i * len(KINDS)):
+            options = varied(seed)
+            options["bodies"] = max(int(options.get("bodies", 2)), kind.bodies)
+            if code == "imbalance":  # a weight off the axis needs an axis that turns
+                options["linear"] = False
+            # Limits on the plain kind of record and one machine a round, where they can be compared.
+            plain = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i, "bodies": max(2, kind.bodies)}
+            aims = () if code.startswith("wrong-sign") else AIMS
+            found += [plan for plan in (
+                Plan("effect", f"effect/{code}/{i}", (code,), options),
+                Plan("removed", f"removed/{code}/{i}", (code,), options, (CODES[code],)),
+                *(Plan("limit", f"limit/{code}/{aim:g}/{i}", (code,), plain, (), aim) for aim in aims),
+            ) if plan.part in wanted]
+        if "pair" in wanted:
+            options = {"machine_seed": FIRST_SEED + i, "seed": FIRST_SEED + i}
+            found += [Plan("pair", f"pair/{'+'.join(pair)}/{i}", pair, options) for pair in PAIRS]
+        if "mixed" in wanted:
             found += [mixed(FIRST_MIXED + MIXED * i + j) for j in range(MIXED)]
-        per_round = len(KINDS)
-        found += [Plan("none", f"none/{j}", (), varied(FIRST_NULL + j))
-                  for j in range(i * per_round, min((i + 1) * per_round, nulls))]
+        if "none" in wanted:
+            found += [Plan("none", f"none/{j}", (), varied(FIRST_NULL + j))
+                      for j in range(i * len(KINDS), (i + 1) * len(KINDS))]
     return found
 
 
@@ -422,9 +441,9 @@ def summary(found: Sequence[Mapping]) -> str:
 @pytest.mark.study
 def test_hidden_effects_over_fresh_seeds():
     """At least 95 % of visible effects named, at most 1 % wrong names and 1 % false alarms."""
-    cases = int(os.environ.get("DRIVETOOL_STUDY_CASES", "20"))
-    nulls = int(os.environ.get("DRIVETOOL_STUDY_NULLS", "1000"))
-    found = study(plans(cases, nulls), results(), int(os.environ.get("DRIVETOOL_STUDY_WORKERS", "2")))
+    words = os.environ.get("DRIVETOOL_STUDY_ROUNDS")
+    wanted = plans(rounds_wanted(words) if words else ROUNDS)
+    found = study(wanted, results(), int(os.environ.get("DRIVETOOL_STUDY_WORKERS", "2")))
     print("\n" + summary(found))
     count = Counter(row["grade"] for row in found
                     if row["part"] in ("effect", "pair") and (row["visibility"] or 0.0) >= VISIBLE)

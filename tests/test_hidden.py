@@ -329,16 +329,22 @@ def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():
 
 
 def test_study_plans_cover_everything_with_keys_of_their_own():
-    plans = study_diagnose.plans(2, 1000)
+    plans = study_diagnose.plans({"effect": 2, "removed": 2, "mixed": 2, "limit": 1, "none": 42})
     keys = [plan.key for plan in plans]
-    assert len(set(keys)) == len(keys) and sum(plan.part == "none" for plan in plans) == 1000
+    assert len(set(keys)) == len(keys) and sum(plan.part == "none" for plan in plans) >= 1000
     for part in ("effect", "removed"):
-        assert {plan.effects[0] for plan in plans if plan.part == part} == set(KINDS)
+        mine = [plan for plan in plans if plan.part == part]
+        assert {plan.effects[0] for plan in mine} == set(KINDS)
+        assert len({plan.options["machine_seed"] for plan in mine}) == 2 * len(KINDS)
     assert {plan.removed for plan in plans if plan.part == "removed"} == {(code,) for code in CODES.values()}
+    assert len({plan.options["machine_seed"] for plan in plans if plan.part == "limit"}) == 1
     drawn = [plan for plan in plans if plan.part == "mixed"]
     assert {len(plan.effects) for plan in drawn} == {1, 2} and len(drawn) == 2 * study_diagnose.MIXED
     for plan in drawn:
         assert len({CODES[code] for code in plan.effects}) == len(plan.effects)
         make_case(plan.effects, **{**plan.options, "duration": 2.0})
+    assert study_diagnose.rounds_wanted("effect=3,none=42") == {"effect": 3, "none": 42}
+    with pytest.raises(ValueError, match="not nulls"):
+        study_diagnose.rounds_wanted("nulls=3")
     assert study_diagnose.upper(0, 1000) == pytest.approx(1.0 - 0.05 ** (1 / 1000))
     assert study_diagnose.upper(10, 1000) == pytest.approx(0.01691, abs=2e-5)
