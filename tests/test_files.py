@@ -278,3 +278,14 @@ def test_thinning_keeps_every_peak():
     x, thin = plots.decimated(np.arange(y.size), y)
     assert len(x) <= 2400 and np.all(np.diff(x) >= 0)
     assert thin.max() == 9.0 and thin.min() == -9.0 and thin[-1] == 3.0
+
+
+@pytest.mark.parametrize("size", [300, 100_000])
+def test_no_line_is_drawn_over_a_gap(size):
+    time = np.delete(np.arange(size) * 1e-3, np.arange(size // 3, size // 2))
+    x, y = plots.decimated(time, np.cos(time))
+    gap = np.flatnonzero(np.isnan(y))
+    assert len(gap) == 1 and x[gap[0]] == time[size // 3 - 1]
+    assert x[0] == time[0] and abs(x[gap[0] - 1] - time[size // 3 - 1]) < 0.2 and np.all(np.diff(x) >= 0.0)
+    whole, curve = plots.decimated(np.geomspace(1.0, 1e3, 400), np.ones(400))
+    assert len(whole) == 400 and np.all(np.isfinite(curve))

@@ -6,7 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
+from drivetool.drive.chain import one_body
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
 from drivetool.logs.build import build_experiment, open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.condition import condition, parse_step
@@ -333,9 +336,45 @@ def test_differentiate_turns_an_angle_into_a_speed():
     assert inside.sum() == N - 4
 
 
+def test_parts_that_are_kept_make_up_the_recording_and_what_is_omitted_is_gone():
+    given = experiment(motor_speed=TIME**2, motor_torque=TIME)
+    parts = [conditioned(given, "keep to=1.2"), conditioned(given, "keep from=1.2")]
+    for role, values in given.signals.items():
+        np.testing.assert_array_equal(np.concatenate([part.signals[role] for part in parts]), values)
+    assert [part.segments for part in parts] == [((0, 1200),), ((0, 300), (300, 1800))]
+    assert parts[1].start == parts[1].offset == pytest.approx(1.2)
+    left = conditioned(given, "omit from=1.2 to=1.3")
+    assert left.segments == ((0, 1200), (1300, 1500), (1500, N))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(left.signals["motor_speed"])), np.arange(1200, 1300))
+    # Seconds are the recording's, whatever was cut off before.
+    both = conditioned(given, "keep from=1", "omit from=1.2 to=1.3")
+    assert both.segments == ((0, 200), (300, 500), (500, 2000))
+    assert [f.text for f in conditioned(given, "keep to=1.2").findings] == [
+        "log: keep from=0 to=1.2: 1200 of 3000 samples kept."]
+
+
+def test_an_inertia_is_what_it_is_beside_a_part_that_is_omitted():
+    torque = np.sign(np.sin(7.0 * TIME))
+    speed = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * STEP / 0.5
+    speed += 1e-4 * np.random.default_rng(4).normal(size=N)
+    speed[1400:1600] += np.linspace(0.0, 1.0, 200)  # a hand on the shaft
+    speed[1600:] += 1.0
+    given = Experiment("log", "0" * 64, STEP, 0.0, {"motor_torque": torque, "motor_speed": speed}, ((0, N),))
+    start = one_body("Nm", "rad").with_values({"motor.inertia": 0.4})
+
+    def told(*steps):
+        lines = {p.name: p for p in greybox([conditioned(given, *steps)], start, Options()).parameters}
+        return lines["motor.inertia"]
+
+    found = told("omit from=1.39 to=1.61")
+    assert abs(found.value - 0.5) < 3.0 * found.std and found.std < 1e-3
+    assert told().std > 3.0 * found.std
+
+
 @pytest.mark.parametrize(("text", "words"), [
     ("smooth", ["'smooth'", "despike"]), ("lowpas cutoff=3", ["Did you mean 'lowpass'"]),
     ("lowpass", ["cutoff for lowpass", "lowpass cutoff=5"]), ("lowpass cutoff=x", ["a number", "'x'"]),
+    ("omit from=3", ["to for omit"]), ("keep from=-1", ["'-1'"]),
     ("lowpass cutoff=-3", ["'-3'"]), ("decimate factor=1.5", ["whole number", "'1.5'"]),
     ("despike windw=3", ["Did you mean 'window'"]), ("lowpass cutoff=5 roles=motor_speed", ["roles=motor_speed"]),
     ("detrend roles=motor_sped", ["Did you mean 'motor_speed'"]),
@@ -352,6 +391,10 @@ def test_mistakes_in_a_step(text, words):
 @pytest.mark.parametrize(("text", "kind", "words"), [
     ("lowpass cutoff=500", BadOption, ["below half the rate, 500 Hz"]),
     ("decimate factor=100", NotEnoughData, ["at least 50 samples"]),
+    ("keep to=0.02", NotEnoughData, ["at least 50 samples", "keep from=0 to=0.02"]),
+    ("omit from=0 to=3", NotEnoughData, ["at least 50 samples"]),
+    ("keep from=3.5", BadOption, ["within 0 to 3 s", "keep from=3.5"]),
+    ("omit from=2 to=1", BadOption, ["from before to"]),
     ("differentiate", BadOption, ["an angle without a speed"]),
     ("despike roles=load_speed", BadOption, ["role load_speed", "motor_torque"]),
 ])

@@ -22,7 +22,7 @@ from drivetool.logs.experiment import Experiment
 class ModelRun:
     """Free runs over a record; arrays of all pieces in a row.
 
-    time       (n,) [s] from the first sample of the record
+    time       (n,) [s] from the start of the recording
     inputs     role -> (n,) torque that drove the model
     measured   role -> (n,) of the sensors the drive knows, NaN where there was no value
     simulated  role -> (n,) of every speed, angle and shaft torque, the measured ones first
@@ -72,7 +72,7 @@ def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0) -> Mod
     simulated = np.concatenate(runs)
     measured = np.concatenate([t.outputs for t in traces])
     inputs = np.concatenate([t.inputs for t in traces])
-    time = np.concatenate([t.origin - experiment.offset + np.arange(t.size) * t.step for t in traces])
+    time = np.concatenate([t.origin + np.arange(t.size) * t.step for t in traces])
     return ModelRun(
         np.round(time, 9), {role: inputs[:, m] for m, role in enumerate(every.inputs)},
         {role: measured[:, m] for m, role in enumerate(every.outputs) if role in seen.outputs},

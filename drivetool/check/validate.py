@@ -102,7 +102,7 @@ def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
               correlation: Correlation | None, options: ValidateOptions) -> list[Exhibit]:
     """Measured and simulated, and the correlation with its bands."""
     label, which = check.output.replace("_", " "), f"{check.file}, model {check.model}"
-    time, y, s = run.index * experiment.step, run.measured[:, m], run.simulated[:, m]
+    time, y, s = experiment.time[run.index], run.measured[:, m], run.simulated[:, m]
     runs = f"free runs of {options.segment:g} s" if options.segment else "free run"
     found = [Exhibit(
         "record", f"{which}: {runs}, fit {check.simulation_fit_percent:.1f} %", "time [s]",

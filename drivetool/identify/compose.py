@@ -267,7 +267,7 @@ def record_exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:
         y = np.concatenate([traces[i].outputs[:, 0] for i in mine])
         s = np.concatenate([runs[i][:, 0] for i in mine])
         u = np.concatenate([traces[i].inputs[:, 0] for i in mine])
-        t = np.concatenate([np.arange(a, b) for a, b in e.segments if b - a >= 10]) * e.step
+        t = np.concatenate([e.time[a:b] for a, b in e.segments if b - a >= 10])
         found.append(Exhibit("record", f"{e.name}: measured and simulated", "time [s]", f"{label} [{unit}]", {
             "measured": (t, y), "simulated": (t, s), "residual": (t, y - s),
             f"torque [{e.torque_unit}]": (t, u)}))

@@ -27,7 +27,7 @@ HIDDEN = 0.01
 class Interval:
     """A steady interval: what was measured, on one grid.
 
-    file, start, end  of which recording, from when to when [s from its first sample]
+    file, start, end  of which recording, from when to when [s from its start]
     step              [s]
     rise, rise_std    what is left of the acceleration: change of speed from the first to the last tenth,
                       over the duration, and its standard deviation
@@ -88,8 +88,9 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
         cut = {role: values[settled:last] for role, values in roles.items()} if settled is not None else {}
         if cut and all(np.isfinite(values).mean() > 0.5 for values in cut.values()):
             rise, rise_std = _rise(cut["motor_speed"], experiment.step)
-            intervals.append(Interval(experiment.name, settled * experiment.step, last * experiment.step,
-                                      experiment.step, rise, rise_std, fastest, inertia, cut))
+            start, end = (experiment.offset + i * experiment.step for i in (settled, last))
+            intervals.append(Interval(experiment.name, start, end, experiment.step, rise, rise_std, fastest,
+                                      inertia, cut))
     return intervals
 
 

@@ -156,7 +156,7 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
         marked = np.full(len(speed), np.nan)
         for span in spans:
             if span.file == experiment.name:
-                inside = slice(round(span.start / experiment.step), round(span.end / experiment.step))
+                inside = slice(*(round((t - experiment.offset) / experiment.step) for t in (span.start, span.end)))
                 marked[inside] = speed[inside]
         shown.append(Exhibit(
             "record", f"Steady intervals in {experiment.name}", "time [s]", f"motor speed [{motion}/s]",

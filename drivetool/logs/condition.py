@@ -6,6 +6,8 @@
     decimate factor=5                                low-passed at 0.8 of the new half rate
     differentiate roles=motor_angle                  the angle becomes a speed, by central differences
     integrate roles=motor_speed                      a speed made of an encoder's counts becomes their sum
+    keep from=2 to=8                                 this part of the recording only, in seconds from its start
+    omit from=4.5 to=5                               all but this part; what follows starts anew
 
 `roles` is optional; without it a step takes all roles that it can.
 """
@@ -34,9 +36,14 @@ class Step:
     roles: tuple[str, ...] = ()
 
     @property
+    def told(self) -> dict[str, float]:
+        """Its numbers without those that mean no bound."""
+        return {key: value for key, value in self.numbers.items() if math.isfinite(value)}
+
+    @property
     def text(self) -> str:
         """As a person writes it."""
-        words = [self.name, *(f"{key}={value:g}" for key, value in self.numbers.items())]
+        words = [self.name, *(f"{key}={value:g}" for key, value in self.told.items())]
         return " ".join([*words, *([f"roles={','.join(self.roles)}"] if self.roles else [])])
 
 
@@ -48,8 +55,11 @@ _OPTIONS: dict[str, dict[str, tuple[float | None, float, bool]]] = {
     "decimate": {"factor": (None, 2, True)},
     "differentiate": {},
     "integrate": {},
+    "keep": {"from": (0.0, 0.0, False), "to": (math.inf, 0.0, False)},
+    "omit": {"from": (None, 0.0, False), "to": (None, 0.0, False)},
 }
-_ALL_ALIKE = ("lowpass", "decimate")
+_ALL_ALIKE = ("lowpass", "decimate", "keep", "omit")
+LEAST = 50  # samples that a step must leave
 
 
 def parse_step(text: str) -> Step:
@@ -107,7 +117,7 @@ def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
                             "Leave it out, or name its channel.", experiment.signals)
         changed, evidence, text = _STEPS[step.name](experiment, step)
         note = Finding("note", "conditioned", f"{experiment.name}: {step.text}: {text}.",
-                       {"step": step.name, **step.numbers, **evidence})
+                       {"step": step.name, **step.told, **evidence})
         experiment = replace(changed, findings=(*experiment.findings, note),
                              signals={role: _frozen(v) for role, v in changed.signals.items()})
     return experiment
@@ -181,9 +191,7 @@ def _decimate(experiment: Experiment, step: Step) -> Result:
     factor = int(step.numbers["factor"])
     segments = tuple((a, b) for first, last in experiment.segments
                      for a, b in [(-(-first // factor), last // factor)] if b > a)
-    if sum(b - a for a, b in segments) < 50:
-        raise NotEnoughData(f"at least 50 samples of {experiment.name} after {step.text}",
-                            f"{sum(b - a for a, b in segments)}", "Take a smaller factor.")
+    _enough(segments, experiment, step, "Take a smaller factor.")
     signals = {}
     for role, values in experiment.signals.items():
         smooth = low_pass(values, experiment.segments, 0.4 / factor, 4)
@@ -236,6 +244,44 @@ def _integrate(experiment: Experiment, step: Step) -> Result:
             f"{', '.join(roles)} summed up to angles from zero")
 
 
+def _keep(experiment: Experiment, step: Step) -> Result:
+    """One part of the recording, as an experiment of its own."""
+    first, last = _part(experiment, step)
+    part = experiment.between(first, min(last, experiment.size * experiment.step))
+    _enough(part.segments, experiment, step, "Keep more of it.")
+    return part, {"samples": part.size}, f"{part.size} of {experiment.size} samples kept"
+
+
+def _omit(experiment: Experiment, step: Step) -> Result:
+    """A part becomes a gap: nothing is known of it, and the motion after it starts anew."""
+    i, j = (round(edge / experiment.step) for edge in _part(experiment, step))
+    segments = tuple((a, b) for first, last in experiment.segments
+                     for a, b in ((first, min(last, i)), (max(first, j), last)) if b > a)
+    _enough(segments, experiment, step, "Omit less of it.")
+    left_out = sum(b - a for a, b in experiment.segments) - sum(b - a for a, b in segments)
+    signals = {role: values.copy() for role, values in experiment.signals.items()}
+    for role in signals.keys() - set(INPUTS):
+        signals[role][max(i, 0):j] = np.nan
+    return (replace(experiment, signals=signals, segments=segments), {"samples": left_out},
+            f"{left_out} samples left out")
+
+
+def _part(experiment: Experiment, step: Step) -> tuple[float, float]:
+    """Ends of a part in seconds from the experiment's first sample; they are given from the recording's."""
+    first, last = (step.numbers[key] - experiment.offset for key in ("from", "to"))
+    size = experiment.size * experiment.step
+    if not first < last or last <= 0.0 or first >= size:
+        raise BadOption(f"from before to, within {experiment.offset:g} to {experiment.offset + size:g} s of "
+                        f"{experiment.name}, for {step.name}", step.text, "Correct it.")
+    return max(first, 0.0), last
+
+
+def _enough(segments: Sequence[tuple[int, int]], experiment: Experiment, step: Step, do: str) -> None:
+    if (left := sum(b - a for a, b in segments)) < LEAST:
+        raise NotEnoughData(f"at least {LEAST} samples of {experiment.name} after {step.text}", f"{left}", do)
+
+
 _STEPS: dict[str, Callable[[Experiment, Step], Result]] = {
     "despike": _despike, "lowpass": _low_pass, "detrend": _detrend, "decimate": _decimate,
-    "differentiate": _differentiate, "integrate": _integrate}
+    "differentiate": _differentiate, "integrate": _integrate,
+    "keep": _keep, "omit": _omit}

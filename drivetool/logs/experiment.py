@@ -113,8 +113,8 @@ class Experiment:
 
     @property
     def time(self) -> np.ndarray:
-        """(n,) seconds from the first sample."""
-        return np.arange(self.size) * self.step
+        """(n,) seconds from the start of the recording."""
+        return self.offset + np.arange(self.size) * self.step
 
     def signal(self, role: str, why: str) -> np.ndarray:
         """The (n,) signal of a role; BadRecording names the roles there are."""

@@ -64,7 +64,7 @@ def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> 
         known = np.isfinite(y)
         fits[role] = fit_percent(y[known], simulated[role][known])
         rmse[role] = float(np.sqrt(np.mean((y - simulated[role])[known] ** 2)))
-    return LoopReplay(np.arange(len(load)) * experiment.step, measured,
+    return LoopReplay(experiment.time[first:last], measured,
                       {role: simulated[role] for role in measured}, fits, rmse, load, reference)
 
 
