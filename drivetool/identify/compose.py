@@ -19,7 +19,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
-from drivetool.identify.told_together import told_together
+from drivetool.identify.told_together import on_the_last, told_together
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
@@ -182,22 +182,54 @@ def _from_sharing(outcome: Outcome) -> np.ndarray | None:
     """Covariance from not knowing how viscous friction is shared between the bodies.
 
     A sum shared out by rule damps the resonance a little more or less than the true one does,
-    which the shaft damping takes up. The load's share is taken as uniform between none and all.
+    which the shaft damping takes up.
     """
-    task, total = outcome.task, "total.viscous"
-    if total not in task.free or len(task.drive.bodies) < 2 or outcome.fit is None:
+    if outcome.fit is None:
         return None
+    ways = [*_of_the_sum(outcome), *_behind_the_shaft(outcome)]
+    return np.sum([np.outer(way, way) for way in ways], axis=0) if ways else None
+
+
+def _of_the_sum(outcome: Outcome) -> list[np.ndarray]:
+    """Where a sum over all bodies is fitted: the load's share is taken as uniform between none and all."""
+    task, total = outcome.task, "total.viscous"
+    if total not in task.free or len(task.drive.bodies) < 2:
+        return []
     whole = abs(float(outcome.drive.values[total]))
     first, last = (f"{task.drive.bodies[i]}.viscous" for i in (0, -1))
     turns = task.drive.turns()[-1]
     drive = outcome.drive.with_values(outcome.drive.parts(total, whole))
     names = tuple(first if n == total else n for n in task.free)
-    problem = problem_of(drive, (*names, last), task.roles, outcome.problem.traces)
+    (shift,) = _shifts(outcome, drive, names, (last,))
+    shift[names.index(first)] += 1.0 / turns**2  # the sum is the motor's part plus what is felt of the load's
+    return [shift * turns**2 * whole / np.sqrt(12.0)]
+
+
+def _behind_the_shaft(outcome: Outcome) -> list[np.ndarray]:
+    """Where all behind the motor's shaft is fitted on the last body: one between may have none of it or all.
+
+    The fit is at one end of what is uniform, which is off by its mean square, a third of the whole.
+    """
+    drive, free = outcome.drive, outcome.task.free
+    if not on_the_last(drive, free, "viscous"):
+        return []
+    last, between = f"{drive.bodies[-1]}.viscous", tuple(f"{b}.viscous" for b in drive.bodies[1:-1])
+    felt, found = drive.felt_share(last), []
+    for name, shift in zip(between, _shifts(outcome, drive, free, between), strict=True):
+        share = drive.felt_share(name) / felt
+        shift[free.index(last)] += share  # what is told there is all together
+        found.append(shift * abs(drive.values[last]) / share / np.sqrt(3.0))
+    return found
+
+
+def _shifts(outcome: Outcome, drive: Drive, free: Sequence[str], more: Sequence[str]) -> list[np.ndarray]:
+    """How the free values move for a unit of each further one: (n free,) for each of `more`."""
+    problem = problem_of(drive, (*free, *more), outcome.task.roles, outcome.problem.traces)
     point = Point(np.array([drive.value(n) for n in problem.names]), outcome.solution.point.starts)
     matrix, _, _ = schur(normal_under(problem, point, outcome.fit.noise))
-    shift = -np.linalg.pinv(matrix[:-1, :-1], hermitian=True) @ matrix[:-1, -1]
-    shift[names.index(first)] += 1.0 / turns**2  # the sum is the motor's part plus what is felt of the load's
-    return np.outer(shift, shift) * (turns**2 * whole) ** 2 / 12.0
+    k = len(free)
+    moved = -np.linalg.pinv(matrix[:k, :k], hermitian=True) @ matrix[:k, k:]
+    return list(moved.T.copy())
 
 
 def one_step_percent(outcome: Outcome, y: np.ndarray) -> float | None:

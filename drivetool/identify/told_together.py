@@ -48,7 +48,7 @@ def _behind_the_shaft(line: Parameter, task: Task) -> Parameter:
     """A line of a chain of which the motor's friction is told, and that behind its shaft is on the last body."""
     body, _, suffix = line.name.partition(".")
     drive, between = task.drive, task.drive.bodies[1:-1]
-    if suffix not in TOTALS.values() or body == drive.bodies[0] or not _on_the_last(drive, task.free, suffix):
+    if suffix not in TOTALS.values() or body == drive.bodies[0] or not on_the_last(drive, task.free, suffix):
         return line
     last, others = drive.bodies[-1], " and ".join(between)
     if body in between and line.std is None:
@@ -59,7 +59,7 @@ def _behind_the_shaft(line: Parameter, task: Task) -> Parameter:
     return line
 
 
-def _on_the_last(drive: Drive, free: Sequence[str], suffix: str) -> bool:
+def on_the_last(drive: Drive, free: Sequence[str], suffix: str) -> bool:
     """Whether what is behind the motor's shaft is fitted as one, on the last body."""
     first, *between, last = (f"{b}.{suffix}" for b in drive.bodies)
     return bool(between) and {first, last} <= set(free) and not any(n in free or drive.value(n) for n in between)
