@@ -53,6 +53,8 @@ SENSORS = (("motor_speed",), ("motor_speed",), ("motor_angle",), ("motor_speed",
 AIMS = (3.5, 5.0, 7.0, 10.0)
 # Rivals that `separation` can fit: what the machine does, not what its logger does.
 LAWS = set(CODES.values()) - {"quantisation", "torque-offset", "outliers", "wrong-sign", "wrong-scale"}
+# A fresh record has them again, or others: what was told of this one is not of that one.
+OF_THE_RECORD = {"wrong-sign", "wrong-scale", "outliers", "load-step"}
 COLUMNS = ("right", "open", *GRADES[1:])
 
 
@@ -388,6 +390,14 @@ def limits(found: Sequence[Mapping]) -> str:
     return "\n".join(lines)
 
 
+def gain_held(row: Mapping) -> list[bool]:
+    """Whether the interval of the gain holds that on a fresh record; empty where there is none to hold."""
+    ends, fresh = row["gain"].get("rmse_gain_ci95"), row["fresh"]
+    if not ends or OF_THE_RECORD & set(row["causes"]) or not (fresh.get("base") and fresh.get("extended")):
+        return []
+    return [ends[0] <= fresh["base"] - fresh["extended"] <= ends[1]]
+
+
 def size(name: str, value: float) -> float:
     """Of a lag or a filter its time, not its bandwidth."""
     return 1.0 / value if name.endswith(".bandwidth") else value
@@ -414,6 +424,12 @@ def summary(found: Sequence[Mapping]) -> str:
              for part in ("effect", "pair", "mixed", "removed", "limit", "none")}
     alarms, nulls = sum(row["grade"] == "false-alarm" for row in parts["none"]), len(parts["none"])
     text = [confusion(parts["effect"] + parts["pair"])]
+    shown = Counter(row["grade"] for row in parts["effect"] + parts["pair"]
+                    if (row["visibility"] or 0.0) >= VISIBLE)
+    if shown:
+        good = shown["right"] + shown["open"]
+        text.append(f"visible: {shown.total()}; named right or rightly open {good} "
+                    f"({100 * good / shown.total():.1f} %), wrong {shown['wrong']}")
     seen = Counter(row["grade"] for row in parts["mixed"] if (row["visibility"] or 0.0) >= VISIBLE)
     if seen:
         text.append(f"one or two effects drawn from all, {seen.total()} visible: "
@@ -433,6 +449,9 @@ def summary(found: Sequence[Mapping]) -> str:
     if fresh:
         low, middle, high = np.quantile(fresh, [0.05, 0.5, 0.95])
         text.append(f"error on fresh data over stated: median {middle:.3f}, 5 to 95 %: {low:.3f} to {high:.3f}")
+    held = [held for row in found if row["part"] != "none" for held in gain_held(row)]
+    if held:
+        text.append(f"95 % interval of the gain holds that on a fresh record: {sum(held)} of {len(held)}")
     if parts["limit"]:
         text.append(limits(parts["limit"] + parts["effect"]))
     return "\n\n".join(text)

@@ -13,7 +13,7 @@ from drivetool.check import rounds, story
 from drivetool.check.candidates import CANDIDATES
 from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import blocks_under_test
+from drivetool.check.forecast import Forecast, blocks_under_test, gain_of
 from drivetool.check.found import Found
 from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
 from drivetool.check.hypothesis import Tried
@@ -302,3 +302,21 @@ def test_what_no_sensor_measured_is_not_foretold():
     fold = SimpleNamespace(test=[np.ones(12000, bool)])
     seen = blocks_under_test(fold, (trace,))
     assert 0 < len(seen) < len(blocks_of((trace,))) and all(np.isfinite(t.outputs).any() for t in seen)
+
+
+@pytest.mark.parametrize(("after", "coverage"), [(0.9, (0.935, 0.965)), (0.01, (0.95, 1.0))])
+def test_the_interval_of_a_gain_holds_the_gain_on_a_fresh_record(after, coverage):
+    """Means of eight blocks of either record, so much apart as both scatter; wider where most of the error goes."""
+    rng, held = np.random.default_rng(12), []
+    for _ in range(2000):
+        squares = [1.0 + 0.1 * rng.normal(size=8) for _ in range(2)]  # of the base, by block, on either record
+        forecasts = [Forecast((np.zeros(2),) * 8, tuple(np.full(2, np.sqrt(v)) for v in blocks))
+                     for blocks in (squares[0], np.full(8, after))]
+        low, high = gain_of(*forecasts, "rad/s", 1.5, 0.1, 0.0).on_a_fresh_record
+        held.append(low <= np.sqrt(squares[1].mean()) - np.sqrt(after) <= high)
+    assert coverage[0] <= np.mean(held) <= coverage[1]
+
+
+def test_a_gain_that_does_not_scatter_has_no_interval():
+    same = Forecast((np.zeros(2),) * 8, (np.ones(2),) * 8)
+    assert gain_of(same, same, "rad/s", 1.5, 0.1, 0.0).on_a_fresh_record is None

@@ -304,10 +304,10 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     def asking(folder, logs, start, options, more):
         asked.append(sorted(p.name for p in folder.iterdir()))
         verdict = "named" if len(asked) == 1 else "nothing-found"
-        return Answer(verdict, ("quadratic-drag",) * (verdict == "named"), (), {},
+        return Answer(verdict, ("quadratic-drag",) * (verdict == "named"), (), {"rmse_gain_ci95": [0.3, 0.5]},
                       ({"code": "quadratic-drag", "round": 1, "smallest": {"motor.drag": {"value": 1e-3}}},))
 
-    monkeypatch.setattr(study_diagnose, "fresh_error", lambda *_: None)
+    monkeypatch.setattr(study_diagnose, "fresh_error", lambda *words: {"base": 0.5, "extended": 0.1}[words[2][:-5]])
     path = tmp_path / "build" / "rows.jsonl"
     first = study_diagnose.study(plans[:2], path, 1, asking)
     assert [row["grade"] for row in first] == ["right", "missed"] and first[0]["visibility"] > 10.0
@@ -318,7 +318,8 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert len(study_diagnose.study(plans, path, 1, asking)) == 5 and len(asked) == 6
     text = study_diagnose.summary(found)
     assert "false alarms: 0 of 3 null records, 0.00 %, at most 63.16 % (95 %)" in text
-    assert "quadratic-drag" in text
+    assert "quadratic-drag" in text and "named right or rightly open 1 (50.0 %), wrong 0" in text
+    assert "95 % interval of the gain holds that on a fresh record: 2 of 2" in text
 
 
 def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+from scipy.special import stdtrit
+
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
@@ -64,6 +67,7 @@ class Gain:
     rmse_std                 standard error of the difference before - after
     noise_floor              std of the sensor alone, as far as the record tells
     unexplained_percent      share of what the base left unexplained that is still there
+    blocks                   of data held out, one free run each
     """
 
     unit: str
@@ -75,6 +79,21 @@ class Gain:
     rmse_std: float
     noise_floor: float
     unexplained_percent: float
+    blocks: int = 0
+
+    @property
+    def on_a_fresh_record(self) -> tuple[float, float] | None:
+        """95 % interval of before - after on a further record of this length; None where nothing scatters.
+
+        The fresh record's own scatter, as large as this one's, comes on top of the standard error, which is itself
+        estimated from so many blocks (Student's t). Blocks of one record are more alike than two records are: it is
+        as well that the standard error is too large where most of the error goes (see forecast.gain_of).
+        """
+        if self.blocks < 2 or not self.rmse_std > 0.0:
+            return None
+        half = float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        better = self.held_out_rmse_before - self.held_out_rmse_after
+        return better - half, better + half
 
 
 @dataclass(frozen=True)

@@ -93,11 +93,15 @@ def _bounded(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:
 
 def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor: float,
             unexplained: float) -> Gain:
-    """The gain between two forecasts of the same blocks."""
+    """The gain between two forecasts of the same blocks.
+
+    Its standard error is that of the mean squares' difference over the sum of both errors: exact where little is
+    gained, twice as large as that of the difference where nothing is left.
+    """
     difference = before.squares - after.squares
     error = np.std(difference, ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else np.nan
     return Gain(unit, segment, before.rmse, after.rmse, before.fit, after.fit,
-                float(error / max(before.rmse + after.rmse, 1e-300)), floor, unexplained)
+                float(error / max(before.rmse + after.rmse, 1e-300)), floor, unexplained, len(difference))
 
 
 def unexplained_percent(gain: float, left: Remainder) -> float:

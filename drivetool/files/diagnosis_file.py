@@ -74,8 +74,11 @@ def _gain(gain: Gain | None) -> shapes.GainSection | None:
     """Figures that are not finite become null."""
     if gain is None:
         return None
-    return shapes.GainSection(**{
-        key: value if isinstance(value, str) else _number(value) for key, value in asdict(gain).items()})
+    interval = gain.on_a_fresh_record
+    return shapes.GainSection(
+        **{key: value if isinstance(value, str) else _number(value)
+           for key, value in asdict(gain).items() if key != "blocks"},
+        rmse_gain_ci95=None if interval is None else tuple(map(_number, interval)))
 
 
 def _unit(drive: Drive, name: str) -> str | None:

@@ -56,9 +56,10 @@ def candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -
 def gain_lines(gain: shapes.GainSection) -> list[str]:
     """Before and after on data held out."""
     free = f"free runs of {short(gain.segment)} s over data held out"
-    std = "" if gain.rmse_std is None else f" (difference +- {short(gain.rmse_std, 2)})"
+    fresh = "" if gain.rmse_gain_ci95 is None else (
+        " (on a further record lower by {} to {}, 95 %)".format(*(short(end, 3) for end in gain.rmse_gain_ci95)))
     lines = [
-        f"{free}: rmse {short(gain.held_out_rmse_before)} -> {short(gain.held_out_rmse_after)} {gain.unit}{std}",
+        f"{free}: rmse {short(gain.held_out_rmse_before)} -> {short(gain.held_out_rmse_after)} {gain.unit}{fresh}",
         f"fit {short(gain.held_out_fit_before)} -> {short(gain.held_out_fit_after)} %; "
         f"noise of the sensor {short(gain.noise_floor)} {gain.unit}"]
     if gain.unexplained_percent is not None:

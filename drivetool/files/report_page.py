@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape as _escape
-from math import isnan
 
 from drivetool.check.diagnosis import UNLISTED, Diagnosis, Gain
 from drivetool.files import report_words as words
@@ -59,10 +58,11 @@ def _gain(gain: Gain) -> str:
             (f"{short(gain.noise_floor, 3)} {escape(gain.unit)}", "noise of the sensor alone"),
             (f"{short(gain.unexplained_percent, 3)} %", "of what was wrong is still unexplained")]
     boxes = "".join(f"<div><b>{value}</b><span>{label}</span></div>" for value, label in rows if "nan" not in value)
-    std = "" if isnan(gain.rmse_std) else (
-        f" The difference is known to &plusmn; {short(gain.rmse_std, 2)} {escape(gain.unit)}.")
+    fresh = "" if gain.on_a_fresh_record is None else (
+        " On a further record of this length it falls by {} to {}".format(
+            *(short(end, 3) for end in gain.on_a_fresh_record)) + f" {escape(gain.unit)} (95 %).")
     return (f'<div class="figures">{boxes}</div>\n<p class="small">Free runs of {gain.segment:g} s each, over data '
-            f"that no fit has seen.{std}</p>")
+            f"that no fit has seen.{fresh}</p>")
 
 
 def _causes(diagnosis: Diagnosis) -> str:

@@ -149,6 +149,8 @@ class GainSection(Shape):
     held_out_rmse_before: Number = None
     held_out_rmse_after: Number = None
     rmse_std: Annotated[Number, Meta(description="standard error of rmse before - after")] = None
+    rmse_gain_ci95: Annotated[tuple[Number, Number] | None, Meta(
+        description="95 % interval of rmse before - after on a further record of the same length")] = None
     held_out_fit_before: Annotated[Number, Meta(description="percent")] = None
     held_out_fit_after: Annotated[Number, Meta(description="percent")] = None
     noise_floor: Annotated[Number, Meta(description="std of the sensor alone")] = None
