@@ -202,7 +202,7 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
     # Only now is there a label: nothing of it was on the disk while the commands ran.
     label = case.label(visibility=plan.part != "removed")
     given, apart = grade(to_name(label, answer), answer, bool(plan.removed)), {}
-    if given == "undetermined" and len(plan.effects) == 1:
+    if given == "undetermined" and len(plan.effects) == 1 and plan.part != "limit":  # seen, rightly or not
         apart = {rival: separation(case, rival).number for rival in answer.between
                  if rival in LAWS and rival not in label["causes"]}
         given = "open" if apart and min(apart.values()) < VISIBLE else given
@@ -449,7 +449,7 @@ def summary(found: Sequence[Mapping]) -> str:
     if fresh:
         low, middle, high = np.quantile(fresh, [0.05, 0.5, 0.95])
         text.append(f"error on fresh data over stated: median {middle:.3f}, 5 to 95 %: {low:.3f} to {high:.3f}")
-    held = [held for row in found if row["part"] != "none" for held in gain_held(row)]
+    held = [held for row in found if row["part"] not in ("none", "removed") for held in gain_held(row)]
     if held:
         text.append(f"95 % interval of the gain holds that on a fresh record: {sum(held)} of {len(held)}")
     if parts["limit"]:
