@@ -373,7 +373,7 @@ def confusion(found: Sequence[Mapping]) -> str:
 
 
 def limits(found: Sequence[Mapping]) -> str:
-    """Per effect: the least visibility found in at least half, and stated over measured limit."""
+    """Per effect: the visibility from which it is found, and the smallest size stated over that at this limit."""
     lines = [f"{'effect':<24}{'found from visibility':>24}{'stated over true limit':>26}"]
     for kind in dict.fromkeys(row["kinds"][0] for row in found):
         mine = [row for row in found if row["kinds"] == [kind] and row["visibility"] and row["sizes"]]
@@ -385,7 +385,7 @@ def limits(found: Sequence[Mapping]) -> str:
                  for row in mine if half
                  for name, least in (row["smallest"].get(*row["truth"][:1]) or {}).items()
                  if row["values"].get(name)]
-        lines.append(f"{kind:<24}{'-' if half is None else f'{half:.1f}':>24}"
+        lines.append(f"{kind:<24}{f'over {number.max(initial=0.0):.1f}' if half is None else f'{half:.1f}':>24}"
                      f"{f'{np.median(ratio):.2f}' if ratio else '-':>26}")
     return "\n".join(lines)
 
@@ -453,7 +453,7 @@ def summary(found: Sequence[Mapping]) -> str:
     if held:
         text.append(f"95 % interval of the gain holds that on a fresh record: {sum(held)} of {len(held)}")
     if parts["limit"]:
-        text.append(limits(parts["limit"] + parts["effect"]))
+        text.append(limits(parts["limit"]))
     return "\n\n".join(text)
 
 
