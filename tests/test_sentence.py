@@ -35,7 +35,7 @@ def test_a_name_is_doubted_where_implausible_noise_takes_the_place_of_much(befor
 def test_the_doubt_is_said_with_its_size_and_what_would_settle_it():
     between = ("hardening-stiffness", UNLISTED)
     text = sentence_of("undetermined", ((), between, between[:1]), "", gain(27.0, 10.5), 0.08)
-    assert "a shaft that stiffens under load (hardening-stiffness) explains it best" in text
+    assert "a shaft whose stiffness changes with load (hardening-stiffness) explains it best" in text
     assert "10 times the sensor's own noise" in text
     assert "8 % of its spread" in text and UNLISTED not in text
     assert "Hold the torque" in experiment_of(between, "undetermined")

@@ -62,8 +62,9 @@ CAUSES = {
         "with the square of the speed.", "Look at fans and at the oil level of the gearbox.", "quadratic-drag",
         ("drag",)),
     "hardening-stiffness": Cause(
-        "a shaft that stiffens under load", "The shaft or coupling gets stiffer the more torque it carries, so "
-        "the resonance lies higher under load.", "Tune for the whole range of the resonance.",
+        "a shaft whose stiffness changes with load", "The shaft or coupling gets stiffer the more "
+        "torque it carries, or softer where its hardening is below zero, so the resonance moves with the load.",
+        "Tune for the whole range of the resonance.",
         "hardening-stiffness", ("hardening", "hardening_twist", "hardening_power"), 2),
     "load-dependent-damping": Cause(
         "damping that grows with load", "Vibrations of the shaft die out faster the more torque it carries.",

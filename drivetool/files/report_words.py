@@ -26,7 +26,7 @@ CAPTIONS = {
     "diagnosis-residual-speed": "A step at zero is dry friction, a hump near zero breakaway friction, a parabola "
                                 "drag. Flat means that friction is right.",
     "diagnosis-residual-torque": "A slope is a wrong stiffness, inertia or torque scale; growth towards the ends "
-                                 "a shaft that stiffens; a bump around zero play.",
+                                 "a shaft that stiffens or softens; a bump around zero play.",
     "diagnosis-residual-order": "A single peak that is gone afterwards is a torque that repeats with the angle: "
                                 "ripple, or at one per turn imbalance. An elastic shaft makes amplitudes rough.",
     "diagnosis-residual-reversal": "All reversals laid on top of each other, the downward ones mirrored. A ringing "
