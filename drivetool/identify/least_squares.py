@@ -136,7 +136,7 @@ def _trust(lowered: float, promise: float) -> float:
 
 def _whole(problem: Problem, trial: Point, gains: Sequence[Gains] | None) -> Normal:
     """The normal equations at a trial, whose cost is infinite where the model or a sensitivity diverges."""
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         normal = problem.normal(trial, gains)
     finite = np.isfinite(normal.cost) and all(
         np.isfinite(a).all() for a in (normal.shared, normal.slope, np.array(normal.own), np.array(normal.cross)))

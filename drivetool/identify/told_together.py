@@ -61,5 +61,7 @@ def _behind_the_shaft(line: Parameter, task: Task) -> Parameter:
 
 def on_the_last(drive: Drive, free: Sequence[str], suffix: str) -> bool:
     """Whether what is behind the motor's shaft is fitted as one, on the last body."""
+    if len(drive.bodies) < 3:
+        return False
     first, *between, last = (f"{b}.{suffix}" for b in drive.bodies)
-    return bool(between) and {first, last} <= set(free) and not any(n in free or drive.value(n) for n in between)
+    return {first, last} <= set(free) and not any(n in free or drive.value(n) for n in between)
