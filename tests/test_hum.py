@@ -15,6 +15,7 @@ from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
 from tests.recover import STEP, drive_like, experiment, linear_record, truth
 from tests.simulator.effects import Effects
+from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed, running
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import simulate
@@ -84,3 +85,17 @@ def test_one_speed_tells_no_hum_from_a_ripple():
     run = simulate(MACHINE, torque, STEP, start)
     record = experiment(torque, run.speeds[:, 0] + white_noise(size, SENSOR, 8))
     assert lines_of(base_of(with_hum(record, 212.0, SENSOR))) == []
+
+
+def test_what_the_torque_excites_is_an_error_of_the_model_and_no_hum():
+    """A multisine about the resonance and two angles: what the missing drag leaves there stands out as a line."""
+    start, size = running(MACHINE, 20.0), 10_000
+    period = multisine(np.arange(11.0, 150.0), 0.05 * MACHINE.rated_torque, 1.0, STEP, 3)
+    torque = start.torque + np.tile(period, size // len(period))
+    machine = replace(MACHINE, effects=Effects(quadratic=(0.0, 0.3 * MACHINE.rated_torque / 20.0**2)))
+    run = simulate(machine, torque, STEP, start)
+    angles = {f"{body}_angle": run.angles[:, i] + white_noise(size, 1e-5, 8 + i)
+              for i, body in enumerate(("motor", "load"))}
+    record = Experiment("angles", "0" * 64, STEP, 0.0, {"motor_torque": torque, **angles}, ((0, size),),
+                        torque_is="command")
+    assert lines_of(base_of(record)) == []

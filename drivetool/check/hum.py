@@ -23,6 +23,7 @@ APART = 1.25  # by which the halves must differ in speed to tell a line from an 
 LEAST = 0.01  # of the errors' variance, below which a line is not worth a word
 MOST = 4  # lines that are named
 STEEP = 3  # differences of a sensor, after which its motion no longer drowns a line
+ANSWER = 0.3  # of a line in the sensor, that the model's answer to the torque must not reach for it to be a hum
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,11 @@ class Line:
 
 
 def lines_of(model: Model) -> list[Line]:
-    """The lines in what a model leaves of the first output, the strongest first; none where speed never changes."""
-    errors, outputs, speeds, step = _pieces(model)
+    """The lines in what a model leaves of the first output, the strongest first; none where speed never changes.
+
+    Nor at frequencies at which the torque moves the drive: what is left there may be an error of the model.
+    """
+    errors, outputs, runs, speeds, step = _pieces(model)
     if len(errors) < FEWEST or step is None:
         return []
     order = np.argsort(speeds)
@@ -51,17 +55,19 @@ def lines_of(model: Model) -> list[Line]:
     frequency = np.fft.rfftfreq(size, step)[2:-2]
     beside = median_filter(power.mean(axis=0), AROUND, mode="nearest")
     stands = power.mean(axis=0) / beside
-    # In the sensor: what of its steep part stands out, as flat as it was before.
-    steep = _power(outputs).mean(axis=0)
-    sensor = (steep - median_filter(steep, AROUND, mode="nearest")) / (
-        2.0 * np.sin(np.pi * frequency * step)) ** (2 * STEEP)
+    # In the sensor, and in the model's answer: what of the steep part stands out, as flat as it was before.
+    flat = (2.0 * np.sin(np.pi * frequency * step)) ** (2 * STEEP)
+    sensor, answer = ((p - median_filter(p, AROUND, mode="nearest")) / flat
+                      for p in (_power(outputs).mean(axis=0), _power(runs).mean(axis=0)))
     sure = chi2.isf(CHANCE / len(frequency), 2 * len(power)) / (2 * len(power))
     steady = np.minimum(power[slow].mean(axis=0), power[fast].mean(axis=0)) / beside
     found, lines = [], []
     for top in find_peaks(stands, height=sure)[0]:
         low, high = _feet(stands, top)
         share = float(np.sum(power.mean(axis=0)[low:high] - beside[low:high]) / power.mean(axis=0).sum())
-        if np.max(steady[low:high]) > BOTH and share > LEAST and not any(low <= f < high for f in found):
+        answered = answer[low:high].sum() > ANSWER**2 * max(sensor[low:high].sum(), 0.0)
+        stays = np.max(steady[low:high]) > BOTH and share > LEAST
+        if stays and not answered and not any(low <= f < high for f in found):
             found.append(top)
             lines.append(Line(float(frequency[top]), share, float(max(sensor[low:high].sum(), 0.0)) ** 0.5))
     return sorted(lines, key=lambda line: -line.share)[:MOST]
@@ -83,23 +89,28 @@ def _feet(stands: np.ndarray, top: int) -> tuple[int, int]:
     return low, high
 
 
-def _pieces(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, float | None]:
-    """One-step errors of the first output, its steep part, mean speeds, and the sampling time [s].
+def _pieces(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float | None]:
+    """One-step errors of the first output, its steep part and that of a free run, mean speeds, sampling time [s].
 
-    (pieces, samples) twice, (pieces,); no step where records differ in it
+    (pieces, samples) three times, (pieces,); no step where records differ in it
     """
     traces = model.problem.traces
     size = min(PIECE, sum(t.size for t in traces) // FEWEST)
-    errors, outputs, speeds = [], [], []
-    for f, t in zip(filtered(model.problem, model.point, model.noise), traces, strict=True):
+    plants = model.problem.plants(model.point.values, False)
+    errors, outputs, runs, speeds = [], [], [], []
+    for f, t, plant, start in zip(filtered(model.problem, model.point, model.noise), traces, plants,
+                                  model.point.starts, strict=True):
+        run = plant.outputs(t, start)[:, 0]
         for a in range(STEEP, t.size - size + 1, size) if size >= 2 * AROUND else ():
-            e, y = f.innovations[a:a + size, 0], np.diff(t.outputs[a - STEEP:a + size, 0], STEEP)
-            if np.all(np.isfinite(e)) and np.all(np.isfinite(y)):
+            e, *steep = f.innovations[a:a + size, 0], *(
+                np.diff(y[a - STEEP:a + size], STEEP) for y in (t.outputs[:, 0], run))
+            if all(np.all(np.isfinite(x)) for x in (e, *steep)):
                 errors.append(e - e.mean())
-                outputs.append(y)
+                outputs.append(steep[0])
+                runs.append(steep[1])
                 speeds.append(np.abs(f.states[a:a + size, 0]).mean())
     step = traces[0].step if len({t.step for t in traces}) == 1 else None
-    return *(np.array(p).reshape(len(p), -1) for p in (errors, outputs)), np.array(speeds), step
+    return *(np.array(p).reshape(len(p), -1) for p in (errors, outputs, runs)), np.array(speeds), step
 
 
 def hum(model: Model, unit: str) -> list[Finding]:
