@@ -145,6 +145,13 @@ def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured
     assert grade(causes, answer) == "right", answer.talk
 
 
+def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
+    """Of 30 % at twice the resonance: a trace there is unlikely, and its growth promises less than elsewhere."""
+    answer, causes = answered("third-mass", 241106, tmp_path / "records", tmp_path / "labels",
+                              ["--candidates", "third-mass,hardening-stiffness,converter-lag"], seed=241106)
+    assert grade(causes, answer) == "right", answer.talk
+
+
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",

@@ -10,7 +10,15 @@ from drivetool.check.decide import Decision
 from drivetool.check.found import Found, rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
 from drivetool.check.model import everything, fit, from_start
-from drivetool.check.structure import carried, states_of, with_middle, with_tip, without_third, without_tip
+from drivetool.check.structure import (
+    carried,
+    states_of,
+    with_large_tip,
+    with_middle,
+    with_tip,
+    without_third,
+    without_tip,
+)
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.linearise import resonances
 from drivetool.identify.engine import Task
@@ -119,6 +127,27 @@ def test_a_third_mass_goes_back_to_where_it_was_split_off(base):
     added = {"load.coulomb": 0.5, "load.drag": 0.01, "motor.drag": 0.02}
     for name, value in (dict(before.values) | added).items():
         assert back.drive.value(name) == pytest.approx(value, rel=1e-12), name
+
+
+@pytest.mark.parametrize(("times", "ratio"), [(1.8, 1.0), (4.0, 5.0)])
+def test_a_large_third_mass_leaves_what_the_record_has_shown(base, times, ratio):
+    """Resonance, anti-resonance and all inertia; behind a gear too. Closed form against eigenvalues."""
+    before = base.task.drive.with_values({**base.fitted.drive.values, "shaft.ratio": ratio})
+    point = replace(base.point, values=np.array([before.value(n) for n in base.task.free]))
+    geared = replace(base, task=replace(base.task, drive=before), point=point)
+    after = with_large_tip(geared, 0.3, times, 0.05).drive
+    inertia, lowest = [], []
+    for drive in (before, after):
+        still = drive.with_values({f"{s}.damping": 0.0 for s in drive.shafts} | {
+            f"{b}.viscous": 0.0 for b in drive.bodies})
+        lowest.append([min(m.frequency_hz for m in resonances(still) if m.kind == kind)
+                       for kind in ("resonance", "anti-resonance")])
+        inertia.append(sum(drive.value(f"{b}.inertia") / t**2 for b, t in zip(
+            drive.bodies, drive.turns(), strict=True)))
+    np.testing.assert_allclose(lowest[1], lowest[0], rtol=1e-6)
+    assert inertia[1] == pytest.approx(inertia[0], rel=1e-12)
+    load, tip = (after.value(f"{b}.inertia") for b in ("load", "tip"))
+    assert tip / (load + tip) == pytest.approx(0.3, rel=1e-12)
 
 
 @pytest.mark.parametrize("place", [0.2, 0.7])

@@ -11,7 +11,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import load_steps
 from drivetool.check.model import Model, everything, fit
-from drivetool.check.scan import half_gaps, likely_middles, likely_orders, likely_tips
+from drivetool.check.scan import half_gaps, likely_large_tips, likely_middles, likely_orders, likely_tips
 from drivetool.check.structure import carried, may_have_tip
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS, STEPS, TORQUES
@@ -187,9 +187,13 @@ def _third_mass(base: Model) -> list[Start]:
     # A resonance that the base lacks may pass for torque noise, under which a third mass gains nothing any more.
     noise = replace(base.noise, ratio=QUIETER * base.noise.ratio)
     quiet = fit("base", base.task, base.problem, base.point, noise, everything(base.problem), rounds=3, renew=False)
-    unheard = [] if quiet.value < base.value + HIDING else [*likely_tips(quiet), *likely_middles(quiet)]
-    return [Start(task, (), 10) for task in (*likely_tips(base), *likely_middles(base))] + [
+    unheard = [] if quiet.value < base.value + HIDING else _thirds(quiet)
+    return [Start(task, (), 10) for task in _thirds(base)] + [
         Start(task, (), 10, quiet) for task in unheard]
+
+
+def _thirds(base: Model) -> list[Task]:
+    return [*likely_tips(base), *likely_large_tips(base), *likely_middles(base)]
 
 
 def _ripple(base: Model) -> list[Start]:

@@ -35,7 +35,7 @@ SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constan
 QUICKEST = 0.05  # the same: one that takes less is a start by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 PACE = (0.02, 0.02, 0.2)  # of what a quieter noise costs, that a fit makes up by each round, or it is given up
-THIRD = 10.0  # by which inertia, stiffness and damping of a third mass may leave their start
+THIRD = 10.0  # by which inertia and stiffness of a third mass may leave their start, and its damping upwards
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 
@@ -396,5 +396,7 @@ def _bounded(problem: Problem, base: Model, task) -> Problem:
             low[j], high[j] = max(low[j], -most), min(high[j], most)
         elif name in third:
             start = task.drive.value(name)
-            low[j], high[j] = max(low[j], start / THIRD), min(high[j], start * THIRD)
+            # It is looked for with more damping than steel has; with less it rings no faster.
+            low[j] = low[j] if name.endswith(".damping") else max(low[j], start / THIRD)
+            high[j] = min(high[j], start * THIRD)
     return replace(problem, low=low, high=high)

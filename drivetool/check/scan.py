@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.model import Model, everything, fit, judge
-from drivetool.check.structure import carried, may_have_tip, tip_names, with_middle, with_tip
+from drivetool.check.model import BROKEN, Model, everything, fit, judge
+from drivetool.check.structure import carried, may_have_tip, tip_names, with_large_tip, with_middle, with_tip
 from drivetool.drive.linearise import state_space
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
@@ -23,6 +24,7 @@ BROAD = 0.1  # its damping ratio there: a sharper one would be missed between th
 SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
 TIPS = 2  # frequencies that are worth a fit
 SHARES, PLACES = (0.1, 0.3, 0.6), (0.2, 0.5, 0.8)  # of the load and of the twist, for a mass between motor and load
+LARGE, SHARP = 0.3, 0.05  # share and damping ratio of a third mass that is no trace
 MIDDLING = 4  # steps after which they are compared
 KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
@@ -65,6 +67,14 @@ def likely_tips(base: Model) -> list[Task]:
     return [task for _, _, task in found[:TIPS]]
 
 
+def likely_large_tips(base: Model) -> list[Task]:
+    """Large third masses that are likeliest after a few steps; from a trace no way may lead to them."""
+    if not may_have_tip(base.task.drive):
+        return []
+    tasks = [with_large_tip(base, LARGE, times, SHARP) for times in TIMES]
+    return _after_steps(base, [task for task in tasks if task is not None])
+
+
 def likely_middles(base: Model) -> list[Task]:
     """Third masses between motor and load that are likeliest after a few steps, where a sensor is behind them.
 
@@ -72,14 +82,20 @@ def likely_middles(base: Model) -> list[Task]:
     """
     if not may_have_tip(base.task.drive) or not any(r.startswith("load_") for r in base.task.roles.outputs):
         return []
-    found, masks = [], everything(base.problem)
-    for share in SHARES:
-        for place in PLACES:
-            task = with_middle(base, share, place)
-            problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-            model = fit("third-mass", task, problem, carried(base, task, problem), base.noise, masks, rounds=1,
-                        renew=False, most=MIDDLING)
-            found.append((model.value, len(found), model.fitted))
+    return _after_steps(base, [with_middle(base, share, place) for share in SHARES for place in PLACES])
+
+
+def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
+    """The tasks that are likeliest after a few steps, at what these lead to."""
+    found = []
+    for task in tasks:
+        problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+        try:
+            model = fit("third-mass", task, problem, carried(base, task, problem), base.noise,
+                        everything(base.problem), rounds=1, renew=False, most=MIDDLING)
+        except BROKEN:
+            continue
+        found.append((model.value, len(found), model.fitted))
     return [task for _, _, task in sorted(found)[:TIPS]]
 
 
@@ -92,9 +108,10 @@ def _grown(base: Model, task: Task) -> tuple[float, float]:
     own = np.array([n in tip_names(base.task.drive) for n in task.free])
     turn = np.column_stack([np.eye(len(own))[:, ~own], np.where(own, point.values, 0.0)])
     matrix, slope = turn.T @ matrix @ turn, turn.T @ slope
-    size = np.sqrt(np.diag(matrix))
-    inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-10, hermitian=True)
-    step = -(inverse @ (slope / size)) / size
+    told = np.flatnonzero(np.diag(matrix) > 0.0)  # what only trades against start states is rounding, of any sign
+    size, step = np.sqrt(np.diag(matrix)[told]), np.zeros(len(slope))
+    inverse = np.linalg.pinv(matrix[np.ix_(told, told)] / np.outer(size, size), rcond=1e-10, hermitian=True)
+    step[told] = -(inverse @ (slope[told] / size)) / size
     gain = float(-0.5 * slope @ step) / (normal.cost / max(problem.count - problem.unknowns, 1))
     return gain - judge(problem, point, base.noise, everything(problem)), float(step[-1])
 

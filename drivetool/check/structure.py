@@ -55,6 +55,37 @@ def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | Non
     return replace(task, drive=longer, free=free)
 
 
+def with_large_tip(base: Model, share: float, times: float, zeta: float) -> Task | None:
+    """As `with_tip`, but what the base knows stays: its resonance, the one behind a held motor, and all inertia.
+
+    A large third mass that is split off only shifts them, and the records are thousands of units less likely.
+    None, too, where no drive with this third mass has them.
+
+    source  the load as the motor's shaft feels it, (1 - s) + s / (1 - (w/w2)^2) times its inertia: Den Hartog
+            1956, Mechanical Vibrations, section 3.2
+    """
+    task, old = with_tip(base, share, times, zeta), base.fitted.drive
+    if task is None:
+        return None
+    first, last, shaft = old.bodies[0], old.bodies[-1], old.shafts[0]
+    jm, jl, ks, cs = (old.value(n) for n in (f"{first}.inertia", f"{last}.inertia", f"{shaft}.stiffness",
+                                             f"{shaft}.damping"))
+    gear = old.turns()[-1] ** 2
+    held, free = ks / jl, ks * (1.0 / jl + 1.0 / (gear * jm))  # squares of the frequencies
+    own = times**2 * free
+    at_held, at_free = ((1.0 - share) + share / (1.0 - square / (own * (1.0 - share))) for square in (held, free))
+    left = at_free * free - at_held * held
+    if min(at_held, at_free, left) <= 0.0:
+        return None
+    load = (gear * jm + jl) / (1.0 + held * at_held * at_free / left)
+    stiffer = held * load * at_held / ks
+    inertia, stiffness, damping = tip_names(old)
+    values = {f"{first}.inertia": (gear * jm + jl - load) / gear, f"{last}.inertia": (1.0 - share) * load,
+              f"{shaft}.stiffness": stiffer * ks, f"{shaft}.damping": stiffer * cs, inertia: share * load,
+              stiffness: own * share * (1.0 - share) * load, damping: 2.0 * zeta * np.sqrt(own) * share * load}
+    return task.at({n: v for n, v in values.items() if n in task.free})
+
+
 def with_middle(base: Model, share: float, place: float) -> Task:
     """The base with a body in its shaft, whose lowest resonance stays where it is.
 
