@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, added, motion, needed, travel, turns, why_absent
+from drivetool.check.candidates import Candidate, Start, added, needed, travel, why_absent
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
 from drivetool.check.linear_step import alone, linear_step
 from drivetool.check.model import BROKEN, Masks, Model, fit, judge
+from drivetool.check.search_bounds import bounded
 from drivetool.check.smallest import resolved_at
 from drivetool.check.structure import carried, third_of, tip_names
 from drivetool.drive.effects.load_step import TIMES
@@ -30,12 +31,8 @@ AHEAD = 50.0  # log likelihood by which the best of them must lead to be the onl
 CLOSE = 0.7  # of what the best of them gains, by which one of another kind may be behind it
 TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below which a cause is not judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
-FAST = 0.03  # samples: a lag that is shorter leaves no trace
-SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name
-QUICKEST = 0.05  # the same: one that takes less is a start by another name
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 PACE = (0.02, 0.02, 0.2)  # of what a quieter noise costs, that a fit makes up by each round, or it is given up
-THIRD = 10.0  # by which inertia and stiffness of a third mass may leave their start, and its damping upwards
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 
@@ -181,7 +178,7 @@ def damped(model: Model, base: Model, masks: Masks) -> Model:
 
 def _refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:
     """A cause fitted with other parameters free, from where it is."""
-    problem = _bounded(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
+    problem = bounded(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
     return fit(model.code, task, problem, carried(model, task, problem), model.noise, masks)
 
 
@@ -352,7 +349,7 @@ def begin(base: Model, start: Start, masks: Masks, sizes: Sequence[str] = ()) ->
     """
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    problem = _bounded(problem, base, task)
+    problem = bounded(problem, base, task)
     point = carried(base, task, problem)
     if not start.amplitudes:
         return Begun(start, problem, point, np.inf, {})
@@ -371,32 +368,3 @@ def begin(base: Model, start: Start, masks: Masks, sizes: Sequence[str] = ()) ->
     first = min((Point(values, point.starts), whole), key=lambda p: judge(problem, p, base.noise, masks))
     return Begun(start, problem, first, promise,
                  {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)})
-
-
-def _bounded(problem: Problem, base: Model, task) -> Problem:
-    """No lag faster than leaves a trace, no Stribeck speed that the record never leaves behind, no endless warm-up.
-
-    Nor a third mass far from where it was looked for: it would ring as fast as nothing in the record, at length.
-    With so short a lag contacts inside a sample take ever longer; with so high a speed, or in so long a time, the
-    surplus is constant friction by another name.
-    """
-    low, high = problem.low.copy(), problem.high.copy()
-    third = () if task.drive.bodies == base.task.drive.bodies else tip_names(base.task.drive, third_of(task.drive))
-    for j, name in enumerate(task.free):
-        if name.endswith(".bandwidth"):
-            high[j] = min(high[j], 1.0 / (FAST * problem.traces[0].step))
-        elif name.endswith(".stribeck_speed"):
-            high[j] = min(high[j], motion(base, name.rpartition(".")[0])[0])
-        elif name.endswith(".drift_time"):
-            low[j], high[j] = (share * motion(base)[1] for share in (QUICKEST, SLOWEST))
-        elif name.endswith(".viscous_asymmetry"):
-            body = name.rpartition(".")[0]
-            most = turns(base, body) * max(float(np.abs(t.inputs[:, 0]).max()) for t in problem.traces)
-            most /= motion(base, body)[0]
-            low[j], high[j] = max(low[j], -most), min(high[j], most)
-        elif name in third:
-            start = task.drive.value(name)
-            # It is looked for with more damping than steel has; with less it rings no faster.
-            low[j] = low[j] if name.endswith(".damping") else max(low[j], start / THIRD)
-            high[j] = min(high[j], start * THIRD)
-    return replace(problem, low=low, high=high)

@@ -17,10 +17,11 @@ from drivetool.check.exhibits import exhibits_of, view_of
 from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hum import hum
-from drivetool.check.hypothesis import FAST, TRIFLE, Tried, values_of
+from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
+from drivetool.check.search_bounds import FAST
 from drivetool.check.sentence import experiment_of, sentence_of
 from drivetool.check.smallest import VISIBLE, resolved_by
 from drivetool.check.which_body import untold_bodies
