@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from drivetool.check.diagnosis import UNLISTED
@@ -24,6 +25,26 @@ pytestmark = pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set
 BENCH = two_mass("A", "rad").with_values({
     "motor.inertia": 2e-3, "load.inertia": 2e-3, "shaft.stiffness": 2e-3 * (2 * np.pi * 50.0) ** 2,
     "shaft.damping": 0.05})
+
+
+RATE, PERIOD = 2500, 2500  # of the bench [Hz], [samples]
+
+
+def slope(x, order=0, most=300.0):
+    """(n,) derivative of what is below a frequency [Hz], by a filter of 801 taps."""
+    frequency, taps = np.fft.fftfreq(8192, 1.0 / RATE), np.arange(-400, 401)
+    passed = 0.5 + 0.5 * np.cos(np.pi * np.clip((np.abs(frequency) - most) / 30.0, 0.0, 1.0))
+    response = np.fft.ifft((2j * np.pi * frequency) ** order * passed).real
+    return np.convolve(x, response[taps] * np.kaiser(len(taps), 6.0), "same")
+
+
+def left_by(target, laws):
+    """(what least squares over five periods leaves that repeats from period to period, factors of the laws)."""
+    rows = np.column_stack([*(law[PERIOD:6 * PERIOD] for law in laws), np.ones(5 * PERIOD)])
+    size = rows.std(axis=0) + (rows.std(axis=0) == 0.0)
+    wanted = target[PERIOD:6 * PERIOD]
+    factors = np.linalg.lstsq(rows / size, wanted, rcond=None)[0] / size
+    return float((wanted - rows @ factors).reshape(5, PERIOD).mean(axis=0).std()), factors
 
 
 def opened(name, **roles):
@@ -108,3 +129,34 @@ def test_emps_lacks_friction_by_direction_and_a_ripple_of_its_screw(tmp_path):
     assert orders[1] / orders[0] == pytest.approx(2.0, rel=3e-3)
     assert answer.gain["held_out_rmse_after"] < 0.65 * answer.gain["held_out_rmse_before"]
     assert "one-step-errors-hum" in done.stderr and "445" in done.stderr
+
+
+def test_what_the_motor_bench_lacks_shows_without_a_simulation():
+    """The load's acceleration against the two angles: drag, a softer shaft, dry friction and damping, and no mass.
+
+    Torque acts between a held and an interpolated one. Answers of `diagnose` that the README prints.
+    """
+    table = pq.read_table(Path(FOLDER) / "motorbench-a.parquet")
+    motor, load, torque = (table[name].to_numpy().astype(float) for name in ("theta_m", "theta_l", "iq"))
+    quick = {n: slope(x, 1, 600.0) for n, x in (("motor", motor), ("load", load), ("twist", motor - load))}
+    twist = slope(motor - load, 0, 600.0)
+    twist = twist - twist[PERIOD:6 * PERIOD].mean()
+    plain = [slope(motor - load), slope(load, 1), slope(motor - load, 1)]
+    laws = {"drag": np.abs(quick["load"]) * quick["load"], "cubic": twist**3, "dry": np.sign(quick["load"]),
+            "lossy": np.abs(twist) * quick["twist"]}
+    laws = {n: slope(law) for n, law in laws.items()}
+    known, left = list(plain), [left_by(slope(load, 2), plain)[0]]
+    for law in laws.values():
+        known.append(law)
+        left.append(left_by(slope(load, 2), known)[0])
+    assert left == pytest.approx([71.6, 48.5, 39.9, 38.1, 35.8], abs=0.3)  # rad/s^2, of which chance is 2
+    without_loss = known[:-1]
+    assert left_by(slope(load, 2), [*without_loss, slope(motor, 2)])[0] > 0.998 * left[-2]  # a mass before the load
+    factors = left_by(slope(load, 2), known)[1]
+    stiffness = factors[0]  # over the load's inertia
+    assert factors[6] / stiffness == pytest.approx(2.5e-4, rel=0.1)  # damping per torque [s/A]
+    assert factors[4] / stiffness == pytest.approx(-1.33, rel=0.05)  # softer, per rad^2
+    late = [slope(motor, 2), slope(motor - load), slope(motor, 1), slope(motor - load, 1), slope(torque, 1)]
+    found, factors = left_by(slope(torque), late)
+    assert found < 0.55 * left_by(slope(torque), late[:-1])[0]
+    assert factors[-2] == pytest.approx(1.07e-4, rel=0.05)  # s; half a sample, 2e-4, if it were held
