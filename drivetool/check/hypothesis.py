@@ -12,7 +12,8 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import State
 from drivetool.check.instants import EARLY
 from drivetool.check.linear_step import alone, linear_step
-from drivetool.check.model import BROKEN, Masks, Model, fit, judge
+from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, judge
+from drivetool.check.rattle import rattles
 from drivetool.check.search_bounds import bounded
 from drivetool.check.smallest import resolved_at
 from drivetool.check.structure import carried, third_of, tip_names
@@ -26,6 +27,7 @@ from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import problem_of
 
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
+GAP = "backlash"
 KEPT = 2  # ends of a first round that may be fitted to the end
 AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
 CLOSE = 0.7  # of what the best of them gains, by which one of another kind may be behind it
@@ -106,7 +108,9 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
             reason = str(error)
     # Beside the parameters of a base that made up for the cause, its amplitudes may be nowhere near an optimum.
     found += [] if before is None else before.models
+    further = rattles(base, masks)[:KEPT] if candidate.code == GAP and before is None else []
     found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]
+    found = sorted((*found, *further), key=lambda m: m.value)
     if not found:
         return Tried(candidate, (), resolved, f"its fit failed: {reason}", "failed")
     promise = max((b.promise for b in begun if np.isfinite(b.promise)), default=0.0)
@@ -146,7 +150,7 @@ def polished(tried: Tried, masks: Masks, base: Model) -> Tried:
     for model in _contenders(tried.models, base):
         try:
             end = fit(model.code, model.task, model.problem, model.point, model.noise, masks)
-            ends.append(damped(end, base, masks))
+            ends.append(at_rest(end, masks) if model.code == GAP else damped(end, base, masks))
         except BROKEN as error:
             reason = str(error)
     if not ends:
@@ -186,7 +190,10 @@ def _contenders(models: Sequence[Model], base: Model) -> list[Model]:
     """The best end, those close to it, and those of another kind that gain nearly as much.
 
     Under a torque noise that has yet to fall, a lag of the wrong order, or a drag on the wrong body, may be ahead.
+    Of a gap all ends: which of its valleys is the deepest is not known from above.
     """
+    if models[0].code == GAP:
+        return list(models)
     best = models[0]
     close = CLOSE * (base.value - best.value)
 

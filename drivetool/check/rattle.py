@@ -1,0 +1,88 @@
+"""A gap before a light load: it bounces between the flanks, and the likelihood is all valleys.
+
+Each knock decides the next one, so a fit from a few half gaps ends in the first valley it comes to, hundreds of
+units of log likelihood above the best. Under a torque noise on the load too the filter lets the load follow, and
+valleys are wider; and the base, which has no gap, takes the load and its shaft for lighter, or heavier, together.
+From the best valley the next is looked for close by, as long as there is a better one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from drivetool.check.candidates import added, present, torque_size
+from drivetool.check.model import BROKEN, Masks, Model, fit
+from drivetool.check.structure import carried
+from drivetool.identify.engine import Task
+from drivetool.identify.noise import Noise
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import problem_of
+
+LIGHT = 0.5  # of the motor's inertia, below which a load is
+SCALES = (0.7, 0.85, 1.0, 1.2, 1.44)  # of the load and its shaft, over what the base has
+SHARES = (0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)  # half gaps, over the twist that the torque makes
+CLOSE = tuple(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.17)))  # of load and shaft, and of the gap, over the best's
+STEPS = 10
+FOLLOWED = 6  # ends under the load's noise that are followed without it
+GAINED = 10.0  # log likelihood over the base without which a gap is none that is worth looking for on
+BETTER = 1.0  # the same, by which the next valley must be
+VALLEYS = 4  # times that it is looked for, at most
+
+
+def rattles(base: Model, masks: Masks) -> list[Model]:
+    """Fits of a gap from many starts, the likeliest first; none where the load is not light, or a gap is there."""
+    drive = base.fitted.drive
+    if len(drive.bodies) != 2 or present(base, f"{drive.shafts[0]}.half_gap"):
+        return []
+    first, last, shaft = drive.bodies[0], drive.bodies[-1], drive.shafts[0]
+    if drive.value(f"{last}.inertia") > LIGHT * drive.turns()[-1] ** 2 * drive.value(f"{first}.inertia"):
+        return []
+    twist = torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
+    tasks = [added(base, {f"{shaft}.half_gap": share * twist}, ()).task for share in SHARES]
+    begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
+    found = _followed(begun, base, masks)
+    for _ in range(VALLEYS):
+        best = found[0].value if found else np.inf
+        if best > base.value - GAINED:
+            break
+        further = _followed([_begun(found[0], found[0].fitted, *there) for there in CLOSE], base, masks)
+        found = sorted((*found, *further), key=lambda m: m.value)
+        if found[0].value > best - BETTER:
+            break
+    return found
+
+
+def _begun(model: Model, task: Task, scale: float, wider: float) -> Model:
+    """Where a fit begins: load and shaft scaled as one, all inertia as the motor feels it what it was."""
+    drive = task.drive
+    first, last, shaft = drive.bodies[0], drive.bodies[-1], drive.shafts[0]
+    values = {n: scale * drive.value(n) for n in (f"{last}.inertia", f"{shaft}.stiffness", f"{shaft}.damping")}
+    moved = (scale - 1.0) * drive.value(f"{last}.inertia") / drive.turns()[-1] ** 2
+    values |= {f"{first}.inertia": drive.value(f"{first}.inertia") - moved,
+               f"{shaft}.half_gap": wider * drive.value(f"{shaft}.half_gap")}
+    task = task.at({n: v for n, v in values.items() if n in task.free})
+    problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
+    point = Point(carried(model, task, problem).values, model.point.starts)
+    return Model("backlash", task, problem, point, model.noise, np.inf)
+
+
+def _followed(begun: Iterable[Model], base: Model, masks: Masks) -> list[Model]:
+    """A few steps under a noise on the load too, the likeliest ends then fitted without it; the likeliest first."""
+    loose = replace(base.noise, others=base.fitted.drive.turns()[-1] * base.noise.ratio)
+
+    def fitted(model: Model, noise: Noise, rounds: int, renew: bool) -> Model | None:
+        try:
+            return fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=rounds, renew=renew,
+                       most=STEPS)
+        except BROKEN:
+            return None
+
+    def likeliest(models: Iterable[Model | None]) -> list[Model]:
+        return sorted((m for m in models if m is not None and np.isfinite(m.value)), key=lambda m: m.value)
+
+    ends = likeliest(fitted(m, loose, 1, False) for m in begun)[:FOLLOWED]
+    return likeliest(fitted(m, base.noise, 3, True) for m in ends)
