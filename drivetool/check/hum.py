@@ -65,11 +65,12 @@ def lines_of(model: Model) -> list[Line]:
     for top in find_peaks(stands, height=sure)[0]:
         low, high = _feet(stands, top)
         share = float(np.sum(power.mean(axis=0)[low:high] - beside[low:high]) / power.mean(axis=0).sum())
-        answered = answer[low:high].sum() > ANSWER**2 * max(sensor[low:high].sum(), 0.0)
+        strength = float(sensor[low:high].sum())  # none where motion drowns it: then the torque may move it, too
+        hums = strength > 0.0 and answer[low:high].sum() < ANSWER**2 * strength
         stays = np.max(steady[low:high]) > BOTH and share > LEAST
-        if stays and not answered and not any(low <= f < high for f in found):
+        if stays and hums and not any(low <= f < high for f in found):
             found.append(top)
-            lines.append(Line(float(frequency[top]), share, float(max(sensor[low:high].sum(), 0.0)) ** 0.5))
+            lines.append(Line(float(frequency[top]), share, strength**0.5))
     return sorted(lines, key=lambda line: -line.share)[:MOST]
 
 
