@@ -15,14 +15,16 @@ from itertools import product
 import numpy as np
 
 from drivetool.check.candidates import added, present, torque_size
-from drivetool.check.model import BROKEN, Masks, Model, fit
+from drivetool.check.model import BROKEN, Masks, Model, everything, fit, judge
 from drivetool.check.structure import carried
-from drivetool.identify.engine import Task
+from drivetool.identify.engine import Outcome, Task
+from drivetool.identify.light import load_share
 from drivetool.identify.noise import Noise
 from drivetool.identify.problem import Point
+from drivetool.identify.search import apart
 from drivetool.identify.setup import problem_of
 
-LIGHT = 0.5  # of the motor's inertia, below which a load is
+LIGHT = 0.5  # of the motor's inertia, below which a load is, as far as a base without the gap tells it
 SCALES = (0.7, 0.85, 1.0, 1.2, 1.44)  # of the load and its shaft, over what the base has
 SHARES = (0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)  # half gaps, over the twist that the torque makes
 CLOSE = tuple(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.17)))  # of load and shaft, and of the gap, over the best's
@@ -38,9 +40,9 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
     drive = base.fitted.drive
     if len(drive.bodies) != 2 or present(base, f"{drive.shafts[0]}.half_gap"):
         return []
-    first, last, shaft = drive.bodies[0], drive.bodies[-1], drive.shafts[0]
-    if drive.value(f"{last}.inertia") > LIGHT * drive.turns()[-1] ** 2 * drive.value(f"{first}.inertia"):
+    if load_share(drive) > LIGHT:
         return []
+    shaft = drive.shafts[0]
     twist = torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
     tasks = [added(base, {f"{shaft}.half_gap": share * twist}, ()).task for share in SHARES]
     begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
@@ -54,6 +56,25 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
         if found[0].value > best - BETTER:
             break
     return found
+
+
+def confirmed(outcome: Outcome) -> Outcome:
+    """The outcome with ends of fits from close by, if it has a gap before a light load.
+
+    Where none agrees with it there are no intervals: each would be that of one valley among many.
+    """
+    drive = outcome.task.drive
+    if outcome.fit is None or len(drive.bodies) != 2 or load_share(drive) > LIGHT or (
+            f"{drive.shafts[0]}.half_gap" not in outcome.task.free):
+        return outcome
+    problem, end, masks = outcome.problem, outcome.fit, everything(outcome.problem)
+    value = judge(problem, end.point, end.noise, masks)
+    model = Model("backlash", outcome.task.at_point(end.point), problem, end.point, end.noise, value)
+    ends = _followed([_begun(model, model.fitted, *there) for there in CLOSE if there != (1.0, 1.0)], model, masks)
+    starts = [{"way": "close by", "reached": dict(zip(outcome.task.free, map(float, m.point.values), strict=True)),
+               "minus_log_likelihood_above_best": m.value - value,
+               "apart": apart(problem, end.solution, replace(end.solution, point=m.point))} for m in (model, *ends)]
+    return replace(outcome, starts=tuple(starts))
 
 
 def _begun(model: Model, task: Task, scale: float, wider: float) -> Model:

@@ -21,6 +21,7 @@ from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
+from drivetool.check.rattle import confirmed
 from drivetool.check.search_bounds import FAST
 from drivetool.check.sentence import experiment_of, sentence_of
 from drivetool.check.smallest import VISIBLE, resolved_by
@@ -169,7 +170,7 @@ def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Esti
     if _slower(fit.noise, model.noise) and (_run_error(task, problem, fit.point, fit.noise)
                                             > (1.0 + WORSE) * _run_error(task, problem, point, model.noise)):
         fit, settled = _fitted(problem, point, model.noise, 1)
-    outcome = Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled)
+    outcome = confirmed(Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled))
     outcome, least = all_uncrossed(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
     estimate = compose("diagnose", start, outcome)
