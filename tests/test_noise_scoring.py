@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivetool.check.model import everything, judge
 from drivetool.drive.simulate import Filtered, Gains
+from drivetool.identify.engine import Task
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.noise_scoring import heard, scored
+from drivetool.identify.setup import first_point, roles_of
+from tests.recover import drive_like, linear_record
+from tests.simulator.machine import machine_by_seed
 
 SIZE = 2000
 FAR = np.array([9.0])
@@ -102,3 +108,18 @@ def test_a_filter_that_runs_away_beside_the_start_moves_nothing(lost):
         found, value = scored(each, np.array([0.5]), -FAR, FAR)
         assert found[0] == 0.5
         assert value == listen(found).value
+
+
+def test_a_filter_that_runs_away_after_a_few_samples_explains_none_of_the_rest():
+    """No number is what a sensor that was silent leaves: counted so, two samples of 2000 cost next to nothing."""
+    machine = machine_by_seed(2)
+    record = linear_record(machine, 3, 2.0)
+    free = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
+    drive = drive_like(machine, free).with_values({
+        "load.inertia": 1e-12, "shaft.stiffness": 1e-9, "shaft.damping": 0.0, "shaft.hardening": -0.03,
+        "shaft.hardening_twist": 1e-3, "shaft.hardening_power": 2.0})
+    task = Task(drive, tuple(free), roles_of([record], drive), (record,))
+    problem = task.problem()
+    point, noise = first_point(drive, problem, task.roles), Noise(1.0, None, problem.scale)
+    assert minus_log_likelihood(filtered(problem, point, noise)) == np.inf
+    assert judge(problem, point, noise, everything(problem)) == np.inf

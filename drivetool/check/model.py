@@ -82,7 +82,8 @@ def losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
     for f in passes:
         known = np.isfinite(f.innovations)
         e = np.where(known, f.innovations, 0.0)
-        each = 0.5 * e**2 / (f.variance * variance) + 0.5 * np.log(f.variance * variance)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a filter that ran away
+            each = 0.5 * e**2 / (f.variance * variance) + 0.5 * np.log(f.variance * variance)
         found.append(np.where(known, each, 0.0).sum(axis=1))
     return found
 
@@ -93,7 +94,8 @@ def spread(passes: Sequence[Filtered], masks: Masks) -> float:
     for f, mask in zip(passes, masks, strict=True):
         e, v = f.innovations[mask], f.variance[mask]
         known = np.isfinite(e)
-        squares += float(np.sum(e[known] ** 2 / v[known]))
+        with np.errstate(over="ignore"):
+            squares += float(np.sum(e[known] ** 2 / v[known]))
         count += int(known.sum())
     return squares / max(count, 1)
 

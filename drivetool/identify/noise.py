@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.simulate import Filtered
+from drivetool.drive.simulate import Filtered, Trace
 from drivetool.identify.noise_scoring import Heard, heard, scored
 from drivetool.identify.problem import Normal, Point, Problem
 
+ENDLESS = 1e200  # error of a filter that ran away: its square is no number
 FAR = 1e30  # likelihood of what cannot be; finite, since parabolas subtract
 WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
 ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
@@ -83,8 +84,14 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
             else:
                 kick[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
                 covariance[-1, -1] = white * kick[-1] ** 2 / (1.0 - noise.memory**2)
-        passes.append(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep, kick))
+        passes.append(_told(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep, kick), t))
     return passes
+
+
+def _told(found: Filtered, trace: Trace) -> Filtered:
+    """The pass, with endless errors where it ran away: what is no number was not measured, and costs nothing."""
+    lost = np.isfinite(trace.outputs) & ~np.isfinite(found.innovations)
+    return replace(found, innovations=np.where(lost, ENDLESS, found.innovations)) if lost.any() else found
 
 
 def minus_log_likelihood(passes: Sequence[Filtered]) -> float:
