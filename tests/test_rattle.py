@@ -55,3 +55,16 @@ def test_a_gap_that_no_second_valley_confirms_has_no_interval(tmp_path):
     assert grade(case.label(False)["causes"], answer) == "right", answer.talk
     gap = answer.parameters["shaft.half_gap"]
     assert gap["std"] is None and gap["ci95"] is None and "warning not-settled" in answer.talk
+
+
+@pytest.mark.study
+def test_a_gap_that_a_shaft_torque_sensor_feels_is_no_wrong_scale_of_it(tmp_path):
+    """Without the gap the base took that sensor for exact, and every fit of a gap ended in a wrong valley."""
+    case = make_case("backlash", 371024, seed=371024, sensors=("motor_speed", "shaft_torque"))
+    logs, _ = case.write_records(tmp_path)
+    answer = ask(tmp_path, logs, write_start(case, tmp_path), greybox_options(case),
+                 ["--candidates", "backlash,hardening-stiffness,wrong-scale"])
+    label = case.label(visibility=False)
+    assert grade(label["causes"], answer) == "right", answer.talk
+    low, high = answer.parameters["shaft.half_gap"]["ci95"]
+    assert low < label["effects"][0]["truth"]["shaft.half_gap"] < high

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from drivetool.check.candidates import added, present, torque_size
-from drivetool.check.model import BROKEN, Masks, Model, everything, fit, judge
+from drivetool.check.model import BROKEN, Masks, Model, everything, first_noise, fit, judge
 from drivetool.check.structure import carried
 from drivetool.identify.engine import Outcome, Task
 from drivetool.identify.light import load_share
@@ -28,6 +28,7 @@ LIGHT = 0.5  # of the motor's inertia, below which a load is, as far as a base w
 SCALES = (0.7, 0.85, 1.0, 1.2, 1.44)  # of the load and its shaft, over what the base has
 SHARES = (0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)  # half gaps, over the twist that the torque makes
 CLOSE = tuple(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.17)))  # of load and shaft, and of the gap, over the best's
+LISTENED = (1, 4)  # those of them at which the noise is heard, where there are several sensors
 STEPS = 10
 FOLLOWED = 6  # ends under the load's noise that are followed without it
 GAINED = 10.0  # log likelihood over the base without which a gap is none that is worth looking for on
@@ -36,15 +37,17 @@ VALLEYS = 4  # times that it is looked for, at most
 
 
 def rattles(base: Model, masks: Masks) -> list[Model]:
-    """Fits of a gap from many starts, the likeliest first; none where the load is not light, or a gap is there."""
+    """Fits of a gap from many starts, the likeliest first; none where one is there, or a few half gaps will do."""
     drive = base.fitted.drive
     if len(drive.bodies) != 2 or present(base, f"{drive.shafts[0]}.half_gap"):
-        return []
-    if load_share(drive) > LIGHT:
         return []
     shaft = drive.shafts[0]
     twist = torque_size(base, shaft) / drive.value(f"{shaft}.stiffness")
     tasks = [added(base, {f"{shaft}.half_gap": share * twist}, ()).task for share in SHARES]
+    heard = _heard(base, [tasks[i] for i in LISTENED], masks)
+    if load_share(drive) > LIGHT and heard is None:
+        return []
+    base = heard or base
     begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
     found = _followed(begun, base, masks)
     for _ in range(VALLEYS):
@@ -56,6 +59,22 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
         if found[0].value > best - BETTER:
             break
     return found
+
+
+def _heard(base: Model, tasks: Iterable[Task], masks: Masks) -> Model | None:
+    """The base under the noise of a gap that is likelier than the base before it has been fitted at all, if one is.
+
+    A base without the gap may take a sensor of the shaft's torque for exact: every fit of a gap then begins wrong.
+    """
+    if len(base.noise.scale) < 2:
+        return None
+    trials = []
+    for task in tasks:
+        crude = _begun(base, task, 1.0, 1.0)
+        noise = first_noise(crude.problem, crude.point, masks)
+        trials.append((judge(crude.problem, crude.point, noise, masks), len(trials), noise))
+    value, _, noise = min(trials)
+    return replace(base, noise=noise) if value < base.value - GAINED else None
 
 
 def confirmed(outcome: Outcome) -> Outcome:
