@@ -11,7 +11,8 @@ from drivetool.drive.chain import two_mass
 
 def end(value, order=2.0, owner="motor"):
     drive = two_mass().with_values({"converter.order": order})
-    return SimpleNamespace(value=value, task=SimpleNamespace(drive=drive, free=(f"{owner}.drag",)))
+    task = SimpleNamespace(drive=drive, free=(f"{owner}.drag",))
+    return SimpleNamespace(code="quadratic-drag", value=value, task=task)
 
 
 @pytest.mark.parametrize(("behind", "order", "owner", "kept"), [

@@ -152,6 +152,7 @@ def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.study
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",

@@ -46,6 +46,7 @@ def test_a_heavy_load_takes_no_such_search_and_a_linear_shaft_is_given_up_soon()
     assert ends and ends[0].value > light.value - 10.0  # no gap, no gain
 
 
+@pytest.mark.study
 def test_a_gap_that_no_second_valley_confirms_has_no_interval(tmp_path):
     """The likeliest valley that is found is 8 % off, and others are close behind it."""
     case = make_case("backlash", 361028, seed=361028)

@@ -33,7 +33,7 @@ STEPS = 10
 FOLLOWED = 6  # ends under the load's noise that are followed without it
 GAINED = 10.0  # log likelihood over the base without which a gap is none that is worth looking for on
 BETTER = 1.0  # the same, by which the next valley must be
-VALLEYS = 4  # times that it is looked for, at most
+VALLEYS = 6  # times that it is looked for, at most
 
 
 def rattles(base: Model, masks: Masks) -> list[Model]:
@@ -48,7 +48,7 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
     if load_share(drive) > LIGHT and heard is None:
         return []
     base = heard or base
-    begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
+    begun = [_begun(base, task, scale, 1.0) for i, task in enumerate(tasks) for scale in SCALES[i % 2::2]]
     found = _followed(begun, base, masks)
     for _ in range(VALLEYS):
         best = found[0].value if found else np.inf
