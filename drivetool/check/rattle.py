@@ -48,7 +48,7 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
     if load_share(drive) > LIGHT and heard is None:
         return []
     base = heard or base
-    begun = [_begun(base, task, scale, 1.0) for i, task in enumerate(tasks) for scale in SCALES[i % 2::2]]
+    begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
     found = _followed(begun, base, masks)
     for _ in range(VALLEYS):
         best = found[0].value if found else np.inf
