@@ -30,7 +30,7 @@ CANDIDATES = (
     CandidateResult("imbalance", "T = a sin(angle) + b cos(angle)", "not-shown",
                     reason="the load does not turn often enough <here> & now"),
     CandidateResult("third-mass", "", "failed", reason="the fit did not settle"))
-GAIN = Gain("rad/s", 2.0, 0.221, 0.0211, 93.4, 99.4, 0.004, 0.02, 1.2, 8)
+GAIN = Gain("rad/s", 2.0, 0.221, 0.0211, 93.4, 99.4, 0.004, 0.004, 0.02, 1.2, 8)
 
 
 def views(size: int = 6000, second: bool = True) -> list[View]:

@@ -28,7 +28,7 @@ def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), 
 
 
 def gain(before, after, left=0.0, std=0.05):
-    return Gain("rad/s", 1.5, before, after, 90.0, 95.0, std, 0.3, left)
+    return Gain("rad/s", 1.5, before, after, 90.0, 95.0, std, std, 0.3, left)
 
 
 def test_what_explains_all_is_named():

@@ -19,7 +19,7 @@ NOISE = 0.02  # rad/s of the sensor
 
 def gain(before, after):
     """Errors of free runs in units of the sensor's noise."""
-    return Gain("rad/s", 1.5, before * NOISE, after * NOISE, 90.0, 95.0, 0.0, NOISE, 0.0)
+    return Gain("rad/s", 1.5, before * NOISE, after * NOISE, 90.0, 95.0, 0.0, 0.0, NOISE, 0.0)
 
 
 @pytest.mark.parametrize(("before", "after", "share", "doubted"), [

@@ -164,4 +164,4 @@ def _runs_worse(search: Search, trained: Sequence[Model]) -> bool:
     """Whether free runs over data held out become worse by models of which single steps are as likely."""
     change = search.gain_between(search.trained, trained)
     return (change.held_out_rmse_after - change.held_out_rmse_before
-            > max(SPOILT * change.held_out_rmse_before, change.rmse_std))
+            > max(SPOILT * change.held_out_rmse_before, change.rmse_bar))

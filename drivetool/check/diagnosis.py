@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
+RECORDS = 0.4  # std of the logarithm by which the gain differs between records beyond what blocks say (docs/study.md)
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
@@ -64,7 +65,10 @@ class Gain:
     """How much better the model predicts, in free runs of `segment` seconds over data held out.
 
     rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent
-    rmse_std                 standard error of the difference before - after
+    rmse_std                 standard error of the difference before - after, from the scatter over blocks
+    rmse_bar                 what such a difference is weighed against: standard error of the difference of the mean
+                             squares over the sum of both errors; rmse_std where the errors differ little, and up to
+                             twice it where nearly all of the error goes
     noise_floor              std of the sensor alone, as far as the record tells
     unexplained_percent      share of what the base left unexplained that is still there
     blocks                   of data held out, one free run each
@@ -77,6 +81,7 @@ class Gain:
     held_out_fit_before: float
     held_out_fit_after: float
     rmse_std: float
+    rmse_bar: float
     noise_floor: float
     unexplained_percent: float
     blocks: int = 0
@@ -85,15 +90,20 @@ class Gain:
     def on_a_fresh_record(self) -> tuple[float, float] | None:
         """95 % interval of before - after on a further record of this length; None where nothing scatters.
 
-        The fresh record's own scatter, as large as this one's, comes on top of the standard error, which is itself
-        estimated from so many blocks (Student's t). Blocks of one record are more alike than two records are: it is
-        as well that the standard error is too large where most of the error goes (see forecast.gain_of).
+        Two things set it apart from this one. Blocks scatter, on the further record as much as on this one, with a
+        standard error that is itself estimated from so many (Student's t). And what a base without its cause errs
+        is no noise: it depends on what the record asks of the machine, by a factor, mostly upwards. The distances
+        of both limits are added as squares, side by side (Zou and Donner, Statistics in Medicine 27, 2008, 1693).
         """
         if self.blocks < 2 or not self.rmse_std > 0.0:
             return None
-        half = float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        blocks = float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
         better = self.held_out_rmse_before - self.held_out_rmse_after
-        return better - half, better + half
+        factor = np.exp(float(ndtri(0.975)) * RECORDS)
+        less, more = (abs(better) * change for change in (1.0 - 1.0 / factor, factor - 1.0))
+        if better < 0.0:
+            less, more = more, less
+        return better - float(np.hypot(blocks, less)), better + float(np.hypot(blocks, more))
 
 
 @dataclass(frozen=True)

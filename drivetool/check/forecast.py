@@ -95,13 +95,19 @@ def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor:
             unexplained: float) -> Gain:
     """The gain between two forecasts of the same blocks.
 
-    Its standard error is that of the mean squares' difference over the sum of both errors: exact where little is
-    gained, twice as large as that of the difference where nothing is left.
+    A root's change is that of its square over twice itself: so the scatter over blocks becomes a standard error.
     """
-    difference = before.squares - after.squares
-    error = np.std(difference, ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else np.nan
-    return Gain(unit, segment, before.rmse, after.rmse, before.fit, after.fit,
-                float(error / max(before.rmse + after.rmse, 1e-300)), floor, unexplained, len(difference))
+    errors = before.rmse, after.rmse
+    squares = [f.squares for f in (before, after)]
+    roots = [s / max(2.0 * e, 1e-300) for s, e in zip(squares, errors, strict=True)]
+    return Gain(unit, segment, *errors, before.fit, after.fit, _std_of_mean(roots[0] - roots[1]),
+                _std_of_mean(squares[0] - squares[1]) / max(sum(errors), 1e-300), floor, unexplained,
+                len(squares[0]))
+
+
+def _std_of_mean(values: np.ndarray) -> float:
+    """Standard error of the mean of (blocks,) values; NaN for one."""
+    return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else np.nan
 
 
 def unexplained_percent(gain: float, left: Remainder) -> float:

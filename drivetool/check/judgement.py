@@ -124,7 +124,7 @@ def helped(search: Search, gain: Gain) -> bool:
     if not search.found.causes or search.unasked or spoils(gain):
         return False
     better = gain.held_out_rmse_before - gain.held_out_rmse_after
-    return (better > max(PART * gain.held_out_rmse_before, SURELY * gain.rmse_std)
+    return (better > max(PART * gain.held_out_rmse_before, SURELY * gain.rmse_bar)
             or gain.unexplained_percent < 100.0 * (1.0 - PART))
 
 
@@ -150,7 +150,7 @@ def stands_in(search: Search) -> bool:
 def spoils(gain: Gain) -> bool:
     """Whether free runs over data held out are clearly worse with what was found."""
     worse = gain.held_out_rmse_after - gain.held_out_rmse_before
-    return worse > max(WORSE * gain.held_out_rmse_before, gain.rmse_std)
+    return worse > max(WORSE * gain.held_out_rmse_before, gain.rmse_bar)
 
 
 def changing(search: Search) -> list[Finding]:

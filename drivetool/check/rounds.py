@@ -292,10 +292,10 @@ class Search:
                 continue
             stage, code = self.gain_between(self.trained, s.trained, s.gain), s.model.code
             change = stage.held_out_rmse_after - stage.held_out_rmse_before
-            worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_std)
+            worse = change > max(SPOILT * stage.held_out_rmse_before, stage.rmse_bar)
             why = AGAINST if worse else ONE_PLACE if in_one_place(s, self.model) else ""
             ruined = (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
-                      or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_std))
+                      or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_bar))
             why = AGAINST if ruined else why if s.gain < LITTLE * self.found.gained else ""
             if self.made_of_steps(s, stage):
                 why = STEPS
@@ -312,7 +312,7 @@ class Search:
         """
         better = stage.held_out_rmse_before - stage.held_out_rmse_after
         return is_coarse(self.model) and (
-            better < stage.rmse_std or faked(self.model, one.model, self.masks) > FAKED * one.lead)
+            better < stage.rmse_bar or faked(self.model, one.model, self.masks) > FAKED * one.lead)
 
     def _adopt(self, decision: Decision, scores: Sequence[Score]) -> None:
         """Make the winner the base of the next round."""

@@ -77,7 +77,7 @@ def _gain(gain: Gain | None) -> shapes.GainSection | None:
     interval = gain.on_a_fresh_record
     return shapes.GainSection(
         **{key: value if isinstance(value, str) else _number(value)
-           for key, value in asdict(gain).items() if key != "blocks"},
+           for key, value in asdict(gain).items() if key not in ("blocks", "rmse_bar")},
         rmse_gain_ci95=None if interval is None else tuple(map(_number, interval)))
 
 
