@@ -76,6 +76,15 @@ def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
 
 
+@pytest.mark.parametrize("seed", [2, 7])
+def test_a_form_of_noise_that_rounding_likes_is_no_gain_of_the_cause_that_has_it(seed):
+    """The same law twice, under white torque noise and under one with a memory, where steps are all the noise."""
+    model, _ = rounded(seed, 0.05)
+    white = replace(model, noise=replace(model.noise, memory=None, slow=None))
+    coloured = replace(model, noise=replace(model.noise, memory=0.9, slow=None))
+    assert abs(faked(white, coloured, everything(model.problem))) < 1.0
+
+
 @pytest.mark.parametrize(("seed", "stiffer"), [(2, 1.0), (2, 1.03), (7, 1.0), (7, 1.03)])
 def test_a_shaft_that_changes_within_the_record_is_something_left(seed, stiffer):
     """The second half is of a machine whose shaft is stiffer: noise does not make the halves ask for others."""

@@ -67,18 +67,19 @@ def faked(base: Model, cause: Model, masks: Masks) -> float:
     """Log likelihood that a cause gains on records of the base itself, for no reason but the steps of the logger.
 
     Zero where these are finer than the noise: then rounding is noise, and has been counted as that. Zero, too,
-    where a fit fails.
+    where a fit fails. Both are fitted from the noise of either: only one of them may have a form that rounding likes.
     """
     steps = _steps_of(base)
     if not is_coarse(base):
         return 0.0
     traces = _logged_again(base, steps).traces
     try:
-        without, having = (fit(m.code, m.task, replace(m.problem, traces=traces), m.point, m.noise, masks, rounds=3)
-                           for m in (base, cause))
+        without, having = (
+            min(fit(m.code, m.task, replace(m.problem, traces=traces), m.point, noise, masks, rounds=3).value
+                for noise in (base.noise, cause.noise)) for m in (base, cause))
     except BROKEN:  # what cannot be fitted there says nothing
         return 0.0
-    return without.value - having.value
+    return without - having
 
 
 def is_coarse(model: Model) -> bool:
