@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.preflight import preflight
+from drivetool.check.preflight import fine_steps, preflight
 from drivetool.check.resolution import resolution
 from drivetool.logs.experiment import Experiment
 from tests.recover import STEP
@@ -21,6 +21,31 @@ def test_steps_are_told_also_of_values_that_hardly_repeat(seed):
     assert resolution(np.round(way / 0.25) * 0.25) == pytest.approx(0.25, rel=1e-9)
     assert resolution(np.round(way[:900] / 3.0) * 3.0) == pytest.approx(3.0, rel=1e-9)
     assert resolution(way) is None and resolution(rng.standard_normal(SIZE)) is None
+
+
+@pytest.mark.parametrize("least", [3.0, 7.0, 40.0])
+def test_steps_are_told_of_a_motion_in_which_no_two_values_are_neighbours(least):
+    """An angle that only ever moves on, by so many steps in a sample at least and at most four times as many."""
+    rng = np.random.default_rng(5)
+    way = np.cumsum(rng.integers(int(least), int(4.0 * least), SIZE))
+    assert resolution(0.00346 * way) == pytest.approx(0.00346, rel=1e-9)
+    assert resolution(0.00346 * (way + 0.3 * rng.standard_normal(SIZE))) is None
+
+
+@pytest.mark.parametrize(("steps", "told"), [(12.0, True), (400.0, False)])
+def test_steps_of_an_encoder_that_are_white_noise_are_told_as_its_noise(steps, told):
+    """So many steps of 1 mrad in a sample, beside a noise of a third of one; or of a third of 30 of them."""
+    rng = np.random.default_rng(6)
+    angle = 0.001 * np.round(steps * (np.arange(SIZE) + 100.0 * np.sin(TIME)) + steps / 36.0 * rng.standard_normal(SIZE))
+    record = Experiment("encoder", "0" * 64, STEP, 0.0, {"motor_torque": np.cos(TIME), "motor_angle": angle},
+                        ((0, SIZE),), torque_is="command")
+    assert not preflight([record], ("quantisation",))[1]
+    notes = fine_steps([record])
+    assert [n.code for n in notes] == ["encoder-steps"] * told
+    if told:
+        share = (1.0 / 12.0) / (1.0 / 12.0 + (steps / 36.0) ** 2)
+        assert notes[0].evidence["resolution"] == pytest.approx(0.001, rel=1e-9)
+        assert notes[0].evidence["share_of_noise"] == pytest.approx(share, rel=0.1)
 
 
 @pytest.mark.parametrize(("counts", "found"), [(2000.0, True), (200_000.0, False)])

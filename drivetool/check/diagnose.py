@@ -22,7 +22,7 @@ from drivetool.check.lateness import lag_of
 from drivetool.check.load_scale import load_scale
 from drivetool.check.model import BROKEN, Masks, Model, everything, from_start, heard_afresh
 from drivetool.check.parts import with_parts
-from drivetool.check.preflight import LATE, Fault, preflight
+from drivetool.check.preflight import LATE, Fault, fine_steps, preflight
 from drivetool.check.rounds import Search
 from drivetool.check.samples import fitted_samples, samples_of
 from drivetool.check.second_look import second_look
@@ -86,7 +86,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     mended, faults = preflight(logged, unmodelled(wanted, drive), drive.turns()[-1])
     given, (drive, free) = (drive, free), with_filter(drive, free, faults)
     mended, faults = load_scale(mended, drive, free, faults, begun)
-    notes: list[Finding] = []
+    notes = fine_steps(logged) if "quantisation" in wanted else []
     blamed: list[Fault] = []
     try:
         mended, drive, blamed = shaft_fault(mended, drive, free, wanted, begun)

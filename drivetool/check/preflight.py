@@ -60,28 +60,48 @@ def preflight(experiments: Sequence[Experiment], wanted: Sequence[str], turns: f
 
 
 def _quantisation(e: Experiment) -> list[Fault]:
-    faults = []
+    return [Fault("quantisation", Finding(
+        "note", "quantisation",
+        f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {_unit(e, role)}; that is "
+        f"{100.0 * share:.0f} % of the variance of its noise.",
+        {"resolution": step, "share_of_noise": share},
+        "Log it with more digits, or log the angle." if role.endswith("speed") else
+        "Log it with more digits, or from a finer sensor.")) for role, step, share, fine in _rounded(e) if not fine]
+
+
+def fine_steps(experiments: Sequence[Experiment]) -> list[Finding]:
+    """Angles whose noise is much of it the steps of their encoder, in motion over so many that it is white noise."""
+    return [Finding(
+        "note", "encoder-steps",
+        f"{e.name}: the {role.replace('_', ' ')} is counted in steps of {step:.3g} {_unit(e, role)}; that is "
+        f"{100.0 * share:.0f} % of the variance of its noise, and nothing that the simulation gets wrong.",
+        {"resolution": step, "share_of_noise": share},
+        "A finer encoder would show smaller effects.") for e in experiments
+        for role, step, share, fine in _rounded(e) if fine]
+
+
+def _rounded(e: Experiment) -> list[tuple[str, float, float, bool]]:
+    """(sensor, its step, the step's share of the variance of its noise, whether it is fine) where that is much.
+
+    The noise of an encoder is often nothing else: that is a fault only where it makes few steps a sample.
+    """
+    found = []
     for role in OUTPUTS:
-        if role not in e.signals:
-            continue
-        y = e.signals[role][np.isfinite(e.signals[role])]
+        y = e.signals.get(role, np.zeros(0))
+        y = y[np.isfinite(y)]
         step = resolution(y)
         if step is None:
             continue
         share = step**2 / 12.0 / max(_white_variance(y), 1e-300)
-        # The noise of an encoder is often nothing else: that is a fault only where it makes few steps a sample.
-        fine = role.endswith("angle") and np.quantile(np.abs(np.diff(y)), FASTEST) > FINE * step
-        if share > COARSE and not fine:
-            units = {"speed": f"{e.motion_unit}/s", "angle": e.motion_unit}
-            unit = units.get(role.rpartition("_")[2], e.torque_unit)
-            faults.append(Fault("quantisation", Finding(
-                "note", "quantisation",
-                f"{e.name}: the {role.replace('_', ' ')} is logged in steps of {step:.3g} {unit}; that is "
-                f"{100.0 * min(share, 1.0):.0f} % of the variance of its noise.",
-                {"resolution": float(step), "share_of_noise": float(min(share, 1.0))},
-                "Log it with more digits, or log the angle." if role.endswith("speed") else
-                "Log it with more digits, or from a finer sensor.")))
-    return faults
+        if share > COARSE:
+            fine = role.endswith("angle") and np.quantile(np.abs(np.diff(y)), FASTEST) > FINE * step
+            found.append((role, float(step), float(min(share, 1.0)), bool(fine)))
+    return found
+
+
+def _unit(e: Experiment, role: str) -> str:
+    units = {"speed": f"{e.motion_unit}/s", "angle": e.motion_unit}
+    return units.get(role.rpartition("_")[2], e.torque_unit)
 
 
 def _white_variance(y: np.ndarray) -> float:

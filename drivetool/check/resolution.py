@@ -4,21 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 
-FEW = 5.0  # steps between one value and the next, in the median, of a channel that hardly repeats a value
+OFF = 1e-3  # of a step, that a difference may be off by for every step it is long, where there are few to tell
+MANY = 20  # differences, from which chance does not make them multiples of anything
+LOOKED = 300  # of them, at most
+APART = 100  # steps at most that the nearest two values may be apart
+AGREE = 0.9  # mean cosine of the differences over the step: one of multiples, next to zero of any
 
 
 def resolution(y: np.ndarray) -> float | None:
-    """The step of which all values are multiples, None if there is none.
+    """The step of which the values (n,) are multiples, None if there is none.
 
-    Values that go far, as angles do, need not repeat: then neighbours must be few steps apart.
+    Values that go far, as angles do, need not repeat, and neighbours may be several steps apart: the step is the
+    largest whole part of the least difference of which the others are multiples.
     """
     values = np.unique(y)
-    if len(values) < 3:
+    gaps = np.sort(np.diff(values))
+    gaps = gaps[gaps > 1e-9 * max(np.abs(values).max(initial=0.0), 1e-300)]
+    if len(gaps) < 2:
         return None
-    gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-9 * max(np.abs(values).max(), 1e-300)]
-    step = float(gaps.min(initial=np.inf))
-    if not np.isfinite(step) or (len(values) > 0.5 * len(y) and np.median(gaps) > FEW * step):
+    if len(gaps) < MANY:
+        step = float(gaps[0])
+        steps = np.round(gaps / step)
+        return step if np.all(np.abs(gaps / step - steps) < OFF * steps) else None
+    some = gaps[np.linspace(0, len(gaps) - 1, min(LOOKED, len(gaps))).astype(int)]
+    parts = np.arange(1, APART + 1)
+    found = np.flatnonzero(_agreement(some, gaps[0] / parts) > AGREE)
+    if not found.size:
         return None
-    off = np.abs(gaps / step - np.round(gaps / step))
-    return step if np.all(off < 1e-3 * np.maximum(np.round(gaps / step), 1.0)) else None
+    step = gaps[0] / parts[found[0]]
+    return float(some.sum() / np.round(some / step).sum())
+
+
+def _agreement(gaps: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """(m,) mean cosine of (n,) differences over each of (m,) steps."""
+    return np.cos(2.0 * np.pi * gaps / steps[:, None]).mean(axis=1)
