@@ -9,9 +9,11 @@ import pytest
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
 from drivetool.check.found import Found
 from drivetool.check.judgement import UNEXPLAINED, verdict_of
+from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder
 from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
-from drivetool.check.story import in_the_base
+from drivetool.check.story import _as_told, in_the_base
+from drivetool.errors import Finding
 from drivetool.identify.estimate import Parameter
 
 NOISE = 0.02  # rad/s of the sensor
@@ -117,3 +119,13 @@ def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict)
     """No law was found; what rounding leaves repeats by itself."""
     search = SimpleNamespace(unasked="", found=Found(), left=Remainder(left, 0.0, 0.0))
     assert verdict_of(search, causes) == verdict
+
+
+@pytest.mark.parametrize(("faults", "severity", "text"), [
+    ((), "warning", "What is left has no name"), (("quantisation",), "note", "as the steps of the logger make them")])
+def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
+    left = Finding("warning", "innovations-correlated", "Still correlated.", {}, "Run validate, then diagnose.")
+    told = _as_told(left, [Fault(code, left) for code in faults])
+    assert told.severity == severity and text in f"{told.text} {told.action}" and "diagnose" not in told.action
+    other = Finding("warning", "not-settled", "Not settled.", {}, "Run it again.")
+    assert _as_told(other, ()) == other

@@ -21,6 +21,7 @@ from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
 from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
+from drivetool.check.preflight import Fault
 from drivetool.check.rattle import confirmed
 from drivetool.check.search_bounds import FAST
 from drivetool.check.sentence import experiment_of, sentence_of
@@ -29,7 +30,7 @@ from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS
-from drivetool.errors import DriveToolError
+from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome, Task, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
@@ -136,11 +137,22 @@ def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
             sentence = told_apart(search.change, search.model)
     lost = found.verdict == "unexplained"
     return Diagnosis(
-        replace(estimate, findings=(*said, *estimate.findings), outcome=sentence), found.verdict,
+        replace(estimate, findings=(*said, *(_as_told(f, search.faults) for f in estimate.findings)),
+                outcome=sentence), found.verdict,
         tuple(dict.fromkeys(f.code for f in search.faults)) if lost else found.causes,
         found.between if found.verdict == "undetermined" else (), experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
         causes if lost else ())
+
+
+def _as_told(finding: Finding, faults: Sequence[Fault]) -> Finding:
+    """A finding of the last fit: after a diagnosis it cannot send the user to one."""
+    if finding.code != "innovations-correlated":
+        return finding
+    if "quantisation" in {f.code for f in faults}:
+        return replace(finding, severity="note", action="",
+                       text="One-step errors are still correlated, as the steps of the logger make them.")
+    return replace(finding, action="What is left has no name in the catalogue.")
 
 
 def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
