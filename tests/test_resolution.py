@@ -36,7 +36,8 @@ def test_steps_are_told_of_a_motion_in_which_no_two_values_are_neighbours(least)
 def test_steps_of_an_encoder_that_are_white_noise_are_told_as_its_noise(steps, told):
     """So many steps of 1 mrad in a sample, beside a noise of a third of one; or of a third of 30 of them."""
     rng = np.random.default_rng(6)
-    angle = 0.001 * np.round(steps * (np.arange(SIZE) + 100.0 * np.sin(TIME)) + steps / 36.0 * rng.standard_normal(SIZE))
+    way, noise = np.arange(SIZE) + 100.0 * np.sin(TIME), rng.standard_normal(SIZE) / 36.0
+    angle = 0.001 * np.round(steps * (way + noise))
     record = Experiment("encoder", "0" * 64, STEP, 0.0, {"motor_torque": np.cos(TIME), "motor_angle": angle},
                         ((0, SIZE),), torque_is="command")
     assert not preflight([record], ("quantisation",))[1]

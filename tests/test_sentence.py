@@ -122,7 +122,8 @@ def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict)
 
 
 @pytest.mark.parametrize(("faults", "severity", "text"), [
-    ((), "warning", "What is left has no name"), (("quantisation",), "note", "as the steps of the logger make them")])
+    ((), "warning", "What is left has no name"),
+    (("quantisation",), "note", "as the steps of the logger make them")])
 def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
     left = Finding("warning", "innovations-correlated", "Still correlated.", {}, "Run validate, then diagnose.")
     told = _as_told(left, [Fault(code, left) for code in faults])

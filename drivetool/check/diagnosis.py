@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
-LESS, MORE = 2.0, 4.0  # factors by which a gain differs from record to record beyond what blocks say (docs/study.md)
+LESS, MORE = 2.0, 4.0  # factors by which a gain differs between records beyond what blocks say (docs/study.md)
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
@@ -92,9 +92,9 @@ class Gain:
 
         Two things set it apart from this one. Blocks scatter, on the further record as much as on this one, with a
         standard error that is itself estimated from so many (Student's t). And what a base without its cause errs
-        is no noise: it depends on what the record asks of the machine, by a factor, and more often it errs more, since
-        its parameters make up for the cause on the record that they were fitted to. The distances of both limits
-        are added as squares, side by side (Zou and Donner, Statistics in Medicine 27, 2008, 1693).
+        is no noise: it depends on what the record asks of the machine, by a factor, and more often it errs more,
+        since its parameters make up for the cause on the record that they were fitted to. The distances of both
+        limits are added as squares, side by side (Zou and Donner, Statistics in Medicine 27, 2008, 1693).
         """
         if self.blocks < 2 or not self.rmse_std > 0.0:
             return None

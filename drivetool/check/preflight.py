@@ -70,7 +70,7 @@ def _quantisation(e: Experiment) -> list[Fault]:
 
 
 def fine_steps(experiments: Sequence[Experiment]) -> list[Finding]:
-    """Angles whose noise is much of it the steps of their encoder, in motion over so many that it is white noise."""
+    """Angles whose noise is much of it their encoder's steps, in motion over so many that these are white."""
     return [Finding(
         "note", "encoder-steps",
         f"{e.name}: the {role.replace('_', ' ')} is counted in steps of {step:.3g} {_unit(e, role)}; that is "

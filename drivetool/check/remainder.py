@@ -67,7 +67,7 @@ def faked(base: Model, cause: Model, masks: Masks) -> float:
     """Log likelihood that a cause gains on records of the base itself, for no reason but the steps of the logger.
 
     Zero where these are finer than the noise: then rounding is noise, and has been counted as that. Zero, too,
-    where a fit fails. Both are fitted from the noise of either: only one of them may have a form that rounding likes.
+    where a fit fails. Both are fitted from the noise of either: only one may have a form that rounding likes.
     """
     steps = _steps_of(base)
     if not is_coarse(base):
