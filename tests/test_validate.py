@@ -255,6 +255,8 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     file = {"schema": "drivetool/parameters/1", "parameters": values, "noise": NOISE}
     Path("good.yaml").write_text(yaml.safe_dump(file))
     Path("seen.yaml").write_text(yaml.safe_dump(file | {"data": [{"file": "x", "sha256": sha}]}))
+    part = {"data": [{"file": "x", "sha256": sha}], "options": {"condition": ["keep to=4", "omit from=1 to=2"]}}
+    Path("part.yaml").write_text(yaml.safe_dump(file | part))
     Path("bad.yaml").write_text(yaml.safe_dump(file | {"parameters": values | {"motor.inertia": 0.7}}))
 
     def call(*words):
@@ -276,4 +278,7 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     code, file, talk = call("-p", "seen.yaml")
     assert code == 0 and "record-was-used-for-the-fit" in talk and "no validation" in file["verdict"]
     assert call("-p", "seen.yaml", "--strict")[0] == 3
+    for condition, said in (("keep from=4", False), ("keep from=1 to=2", False), ("keep from=3.5", True)):
+        talk = call("-p", "part.yaml", "--condition", condition)[2]
+        assert ("record-was-used-for-the-fit" in talk) == said, condition
     assert call("-p", "good.yaml", "--quiet") == call("-p", "good.yaml", "--quiet")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,8 @@ from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
+    from drivetool.files.shapes import ParameterFile
+    from drivetool.logs.experiment import Experiment
 
 HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
         "every --params file is a model of its own.")
@@ -68,6 +71,17 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
+def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
+    """sha256 of the recordings that a fit has seen, but for those of which other parts were kept for it."""
+    from drivetool.logs.condition import kept, parse_step
+
+    parts = kept([parse_step(str(text)) for text in file.options.get("condition", ())])
+    apart = {e.sha256 for e in experiments
+             if not any(max(first, e.time[a]) < min(last, e.time[b - 1])
+                        for a, b in e.segments for first, last in parts)}
+    return [entry.sha256 for entry in file.data if entry.sha256 not in apart]
+
+
 def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validate import validate
@@ -77,7 +91,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     models = [(source.name, drive_for(job, opened, one), one.noise)
               for source in opened.loaded.sources
               for one in [replace(opened.loaded, sources=(source,))]]
-    fitted_on = [[entry.sha256 for entry in source.file.data] for source in opened.loaded.sources]
+    fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
         validation = validate(opened.experiments, models, options, **more)

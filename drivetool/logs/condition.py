@@ -223,6 +223,18 @@ def _differentiate(experiment: Experiment, step: Step) -> Result:
     return replace(experiment, signals=signals), {}, f"{', '.join(roles)} became speeds by central differences"
 
 
+def kept(steps: Sequence[Step]) -> list[tuple[float, float]]:
+    """(from, to) in seconds of a recording, of the parts that `keep` and `omit` leave; other steps leave all."""
+    parts = [(0.0, math.inf)]
+    for step in steps:
+        if step.name in ("keep", "omit"):
+            first, last = step.numbers["from"], step.numbers["to"]
+            windows = [(first, last)] if step.name == "keep" else [(0.0, first), (last, math.inf)]
+            parts = [(max(a, low), min(b, high)) for a, b in parts for low, high in windows
+                     if max(a, low) < min(b, high)]
+    return parts
+
+
 def _integrate(experiment: Experiment, step: Step) -> Result:
     """Speeds become the angles of whose differences they were made; an angle that is there already stays."""
     roles = step.roles or tuple(role for role in experiment.signals if role.endswith("_speed"))
