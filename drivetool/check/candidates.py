@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -126,25 +127,27 @@ def _backlash(base: Model) -> list[Start]:
     return found
 
 
-def _coulomb(at: int) -> Callable[[Model], list[Start]]:
+def _without(base: Model, end: str, suffix: str) -> list[str]:
+    """Of the motor, or of the bodies behind it (`end`: motor, load), those on which a friction does not act yet."""
+    bodies = base.task.drive.bodies
+    return [b for b in (bodies[:1] if end == "motor" else bodies[1:]) if not present(base, f"{b}.{suffix}")]
+
+
+def _coulomb(end: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
-        bodies = base.task.drive.bodies
-        name = f"{bodies[at]}.coulomb"
-        if (at == -1 and len(bodies) == 1) or present(base, name):
-            return []
-        size = torque_size(base, bodies[at])
-        return [added(base, {name: 1e-6 * size}, (name,)), added(base, {name: 0.03 * size}, ())]
+        found = []
+        for body in _without(base, end, "coulomb"):
+            name, size = f"{body}.coulomb", torque_size(base, body)
+            found += [added(base, {name: 1e-6 * size}, (name,)), added(base, {name: 0.03 * size}, ())]
+        return found
     return starts
 
 
-def _stribeck(at: int) -> Callable[[Model], list[Start]]:
+def _stribeck(end: str) -> Callable[[Model], list[Start]]:
     def starts(base: Model) -> list[Start]:
-        bodies = base.task.drive.bodies
-        body = bodies[at]
-        if (at == -1 and len(bodies) == 1) or present(base, f"{body}.stribeck"):
-            return []
-        size, found = torque_size(base, body), []
-        for share in SLOW:
+        found = []
+        for body, share in product(_without(base, end, "stribeck"), SLOW):
+            size = torque_size(base, body)
             values = {f"{body}.stribeck": 1e-6 * size, f"{body}.stribeck_speed": share * motion(base, body)[0]}
             if not present(base, f"{body}.coulomb"):
                 values[f"{body}.coulomb"] = 1e-6 * size
@@ -154,9 +157,9 @@ def _stribeck(at: int) -> Callable[[Model], list[Start]]:
 
 
 def _of_bodies(suffix: str) -> Callable[[Model], list[Start]]:
-    """One amplitude on the motor, or on the last body."""
+    """One amplitude, on any body."""
     def starts(base: Model) -> list[Start]:
-        names = [f"{body}.{suffix}" for body in ends(base)]
+        names = [f"{body}.{suffix}" for body in base.task.drive.bodies]
         if any(present(base, n) for n in names):
             return []
         return [added(base, {n: 0.0}, (n,)) for n in names]
@@ -338,10 +341,10 @@ def needed(candidate: Candidate) -> str:
 
 CANDIDATES: tuple[Candidate, ...] = (
     Candidate("backlash", "backlash", _backlash, trace=_hardly_open),
-    Candidate("coulomb-motor", "coulomb", _coulomb(0)),
-    Candidate("coulomb-load", "coulomb", _coulomb(-1)),
-    Candidate("stribeck-motor", "stribeck", _stribeck(0), nests=("coulomb-motor",)),
-    Candidate("stribeck-load", "stribeck", _stribeck(-1), nests=("coulomb-load",)),
+    Candidate("coulomb-motor", "coulomb", _coulomb("motor")),
+    Candidate("coulomb-load", "coulomb", _coulomb("load")),
+    Candidate("stribeck-motor", "stribeck", _stribeck("motor"), nests=("coulomb-motor",)),
+    Candidate("stribeck-load", "stribeck", _stribeck("load"), nests=("coulomb-load",)),
     Candidate("asymmetric-friction", "asymmetric-friction", _of_bodies("viscous_asymmetry")),
     Candidate("quadratic-drag", "quadratic-drag", _of_bodies("drag")),
     Candidate("hardening-stiffness", "hardening-stiffness", _hardening),
