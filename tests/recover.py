@@ -53,8 +53,8 @@ def experiment(torque: np.ndarray, speed: np.ndarray, name: str = "simulated", s
 
 
 def resonance(machine: Machine) -> float:
-    """Undamped resonance in Hz."""
-    jm, jl = machine.inertia
+    """Undamped resonance in Hz; of a longer chain as if all behind its first shaft were stiff."""
+    jm, jl = machine.inertia[0], sum(machine.inertia[1:])
     return float(np.sqrt(machine.stiffness[0] * (jm + jl) / (jm * jl)) / 2.0 / np.pi)
 
 
