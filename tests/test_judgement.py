@@ -10,7 +10,7 @@ from drivetool.check import judgement
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
 from drivetool.check.found import Found
-from drivetool.check.judgement import SCATTER, SEVERAL, judged
+from drivetool.check.judgement import OF_SPEED, SCATTER, SEVERAL, judged
 from drivetool.check.remainder import Remainder
 
 REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated"),))
@@ -96,12 +96,16 @@ def test_a_name_that_blocks_are_sure_of_beside_a_later_cause_is_one():
     assert judged(search, CLEAN, gain(1.0, 0.3), 0.001).verdict == "named"
 
 
-@pytest.mark.parametrize(("steps", "left", "verdict"), [
-    (("load.step_torque", "load.step2_torque"), 14.0, "undetermined"),
-    (("load.step_torque", "load.step2_torque"), 0.0, "named"),
-    (("load.step_torque",), 14.0, "named")])
-def test_a_load_that_changes_several_times_must_leave_nothing(steps, left, verdict):
+@pytest.mark.parametrize(("steps", "left", "by_speed", "doubt"), [
+    (("load.step_torque", "load.step2_torque"), 14.0, 0.3, SEVERAL),
+    (("load.step_torque", "load.step2_torque"), 0.0, 0.95, OF_SPEED),
+    (("load.step_torque", "load.step2_torque"), 0.0, 0.8, ""),
+    (("load.step_torque",), 14.0, 0.95, "")])
+def test_a_load_that_changes_several_times_must_leave_nothing_and_not_go_with_the_speed(
+        steps, left, by_speed, doubt, monkeypatch):
     """Friction by direction, left out of the catalogue, is a load that comes and goes at the reversals."""
+    monkeypatch.setattr(judgement, "share_by_speed", lambda _: by_speed)
+    verdict = "undetermined" if doubt else "named"
     found = judged(search_with("load-step", left=left, free=steps), CLEAN, gain(1.0, 0.7), 0.001)
-    assert (found.verdict, found.doubt) == (verdict, SEVERAL if verdict == "undetermined" else "")
+    assert (found.verdict, found.doubt) == (verdict, doubt)
     assert found.between == (("load-step", UNLISTED) if verdict == "undetermined" else ())

@@ -92,13 +92,18 @@ def turns(base: Model, owner: str = "") -> float:
 
 def motion(base: Model, body: str = "") -> tuple[float, float]:
     """(fastest speed of the motor, 98 % quantile, or of a body behind its gears; longest record [s])."""
-    speeds = []
+    return (float(np.quantile(np.abs(np.concatenate(speeds(base))), 0.98)) / turns(base, body),
+            max(t.size * t.step for t in base.problem.traces))
+
+
+def speeds(base: Model) -> list[np.ndarray]:
+    """Per trace (n,) the motor's speed, along a line where it was not measured."""
+    found = []
     for t in base.problem.traces:
         y = t.outputs[:, 0]
         y = np.interp(np.arange(len(y)), np.flatnonzero(np.isfinite(y)), y[np.isfinite(y)])
-        speeds.append(np.abs(np.gradient(y, t.step) if base.task.roles.outputs[0].endswith("angle") else y))
-    return (float(np.quantile(np.concatenate(speeds), 0.98)) / turns(base, body),
-            max(t.size * t.step for t in base.problem.traces))
+        found.append(np.gradient(y, t.step) if base.task.roles.outputs[0].endswith("angle") else y)
+    return found
 
 
 def travel(base: Model) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from drivetool.check.by_speed import share_by_speed
 from drivetool.check.diagnosis import UNLISTED, Gain
 from drivetool.check.model import BROKEN
 from drivetool.check.noise_run import error_by_noise
@@ -26,6 +27,8 @@ PLAIN = 50.0  # log likelihood on data held out from which an event is one whate
 SOME = 0.05  # of the torque's spread: a noise of the torque as drives have it
 FORETOLD = 1.5  # of the error that noise makes, up to which it is no sign of anything else
 SCATTER = "data held out tell it by less than two standard errors"
+SAME = 0.9  # of the variance of a load that changes several times, from which a function of the speed is one, too
+OF_SPEED = "a load that changes with the speed may as well be friction of another law"
 SEVERAL = "a load that changes several times can stand in for a law, and what it leaves is not noise alone"
 
 
@@ -66,7 +69,8 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
     hardly = hardly_told(search)
     if hardly:
         return _without(found, hardly, SCATTER)
-    return _without(found, ["load-step"], SEVERAL) if stands_in(search) else found
+    why = stands_in(search)
+    return _without(found, ["load-step"], why) if why else found
 
 
 def hides(search: Search, gain: Gain, share: float) -> bool:
@@ -138,13 +142,18 @@ def hardly_told(search: Search) -> list[str]:
             and c.code not in search.found.sure and not (c.code in EVENTS and (c.gain or 0.0) > PLAIN)]
 
 
-def stands_in(search: Search) -> bool:
-    """Whether a load that changes at more than one instant leaves anything: true ones leave noise.
+def stands_in(search: Search) -> str:
+    """Why a load that changes at more than one instant may be a law in no catalogue; empty: it is none.
 
-    By direction, say, a friction of another size is a load that comes and goes at the reversals.
+    True ones leave noise, and do not come and go with the speed: by direction, say, a friction of another size is a
+    load at the reversals.
     """
     changes = sum(n.endswith(TORQUES) for n in search.model.task.free)
-    return "load-step" in search.found.causes and changes > 1 and search.left.total > 0.0
+    if "load-step" not in search.found.causes or changes < 2:
+        return ""
+    if search.left.total > 0.0:
+        return SEVERAL
+    return OF_SPEED if share_by_speed(search.model) > SAME else ""
 
 
 def spoils(gain: Gain) -> bool:
