@@ -130,6 +130,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
+@pytest.mark.study
 def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     """What gained was another optimum of the base; the lag itself was as short as is looked for."""
     rivals = "quantisation,converter-lag,third-mass,hardening-stiffness"

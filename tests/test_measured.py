@@ -56,7 +56,7 @@ def test_motor_bench_resonates_where_its_frequency_response_does():
     bench = opened("motorbench-a.parquet",
                    motor_torque={"channel": "iq", "unit": "A"},
                    motor_angle={"channel": "theta_m", "unit": "rad"},
-                   load_angle={"channel": "theta_l", "unit": "rad"}).between(0.0, 4.0)
+                   load_angle={"channel": "theta_l", "unit": "rad"}).between(0.0, 3.0)
     values = greybox([bench], BENCH, Options()).drive.values
     jm, jl, ks = (values[n] for n in ("motor.inertia", "load.inertia", "shaft.stiffness"))
     assert np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi == pytest.approx(76.3, abs=0.5)

@@ -163,6 +163,7 @@ def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
     assert abs(line.value - machine.half_gap[0]) < max(0.05 * machine.half_gap[0], 3.0 * line.std)
 
 
+@pytest.mark.study
 def test_a_fit_that_does_not_settle_states_no_interval():
     # A stiff drive that rattles: two hundred contacts in ten seconds.
     estimate, machine = reversing_fit(40)

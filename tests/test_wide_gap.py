@@ -22,6 +22,7 @@ from tests.recover import experiment
 RIG = Path(__file__).parent.parent / "fixtures" / "rig"
 
 
+@pytest.mark.study
 def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(tmp_path):
     """The base knows the drive from steps that keep the gap closed; both records here cross it all the time."""
     truth = yaml.safe_load((RIG / "truth.yaml").read_text())["parameters"]
