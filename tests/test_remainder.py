@@ -76,6 +76,15 @@ def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
 
 
+def test_decimals_far_below_the_noise_excuse_nothing_under_noise_that_is_weak_where_it_is_slow():
+    model, _ = rounded(2, 1e-7)
+    values = model.point.values.copy()
+    values[model.task.free.index("shaft.stiffness")] *= 1.3
+    wrong = replace(model, point=Point(values, model.point.starts),
+                    noise=replace(model.noise, ratio=20.0, memory=0.9, slow=0.3))
+    assert remainder(wrong) == _left(wrong, wrong.problem) and remainder(wrong).total > 25.0
+
+
 @pytest.mark.parametrize("seed", [2, 7])
 def test_a_form_of_noise_that_rounding_likes_is_no_gain_of_the_cause_that_has_it(seed):
     """The same law twice, under white torque noise and under one with a memory, where steps are all the noise."""
