@@ -1,12 +1,12 @@
-"""Which body has a law that the motor and the load may both have: often the record does not tell."""
+"""Which body has a law that any of them may have: often the record does not tell."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivetool.check.candidates import ends, turns
+from drivetool.check.candidates import turns
 from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
@@ -21,19 +21,27 @@ ALIKE = 4.0  # log likelihood within which the record does not tell
 
 
 def untold_bodies(search: Search) -> list[Finding]:
-    """What to say of laws that would explain the records as well on the other end of the drive."""
-    bodies, found = ends(search.first), []
-    for code in search.found.causes if len(bodies) > 1 else ():
+    """What to say of laws that would explain the records as well on another body of the drive."""
+    bodies, found = search.model.task.drive.bodies, []
+    for code in search.found.causes:
         suffix, power = POWERS.get(code, ("", 0))
-        for name in [f"{b}.{suffix}" for b in bodies if f"{b}.{suffix}" in search.found.added.get(code, ())]:
-            other = next(f"{b}.{suffix}" for b in bodies if f"{b}.{suffix}" != name)
-            try:
-                there = moved(search.model, name, other, power, search.masks)
-            except BROKEN:  # then nothing is said
-                continue
-            if there.value < search.model.value + ALIKE:
-                found.append(_finding(search, name, other, there))
+        names = [f"{b}.{suffix}" for b in bodies]
+        for name in [n for n in names if n in search.found.added.get(code, ())]:
+            found += _elsewhere(search, name, [n for n in names if n != name], power)
     return found
+
+
+def _elsewhere(search: Search, name: str, others: Sequence[str], power: int) -> list[Finding]:
+    """The likeliest of the other bodies, where the record does not tell it from the one that has the law."""
+    alike = []
+    for other in others:
+        try:
+            there = moved(search.model, name, other, power, search.masks)
+        except BROKEN:  # then nothing is said of it
+            continue
+        if there.value < search.model.value + ALIKE:
+            alike.append((there.value, other, there))
+    return [_finding(search, name, other, there) for _, other, there in sorted(alike, key=lambda a: a[0])[:1]]
 
 
 def moved(model: Model, name: str, other: str, power: int, masks: Masks) -> Model:
