@@ -56,7 +56,7 @@ def hits(machine, count: int, seed: int, torque_noise: float, speed_noise: float
 
 @pytest.mark.parametrize("torque_noise", [pytest.param(0.0, marks=pytest.mark.study), 0.004])
 def test_intervals_of_the_linear_model_hold(torque_noise):
-    count = 60
+    count = 100
     machine = shared_as_the_rule_says(machine_by_seed(5))
     held = hits(machine, count, SEED, torque_noise, 0.01)
     low = binom.ppf(FAMILY_ERROR / (4 * len(FREE)), count, 0.95)
