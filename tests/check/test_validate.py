@@ -1,0 +1,284 @@
+"""validate: true models pass, wrong ones are caught, and chance raises the alarm as often as it says."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from drivetool.check.validate import validate
+from drivetool.check.validation import ValidateOptions
+from drivetool.cli import main
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.errors import BadOption, BadParameters, NotEnoughData
+from drivetool.logs.build import open_experiment
+from drivetool.logs.experiment import Experiment
+from tests.places import FIXTURES
+from tests.simulator.experiments import multisine
+from tests.simulator.machine import machine_by_seed, running
+from tests.simulator.simulate import simulate_linear
+
+NOISE = {"sensor_std.motor_speed": 0.02, "torque_std": 0.3}
+STEP = 1e-3
+
+
+def truth(room, **factors):
+    """The true drive of a fixture, some values multiplied; '__' stands for the dot."""
+    text = yaml.safe_load((FIXTURES / room / "truth.yaml").read_text())["parameters"]
+    values = {name: entry["value"] for name, entry in text.items()}
+    for name, factor in factors.items():
+        values[name.replace("__", ".")] *= factor
+    return (one_body("N", "m") if room == "axis" else two_mass()).with_values(values)
+
+
+def record(room, name):
+    return open_experiment(FIXTURES / room / f"{name}.parquet")
+
+
+def judged(room, name, noise=NOISE, options=None, **factors):
+    """Validation of one model on one fixture record."""
+    return validate([record(room, name)], [("m.yaml", truth(room, **factors), noise)],
+                    options or ValidateOptions())
+
+
+def codes(validation):
+    return {finding.code for finding in validation.findings}
+
+
+def linear(seed, n=2000, step=STEP):
+    """(machine, drive, torque, run, noise of its file) of a linear machine under a coloured torque."""
+    machine, rng = machine_by_seed(seed), np.random.default_rng(seed)
+    start, rated = running(machine, 30.0), machine.rated_torque
+    slow = np.cumsum(rng.normal(0.0, 1.0, n))
+    torque = start.torque + 0.2 * rated * (slow - slow.mean()) / slow.std() + multisine(
+        np.arange(2.0, 30.0, 4.0), 0.03 * rated, n * step, step, seed)
+    run = simulate_linear(machine, torque, step, start, rng.normal(0.0, 0.02 * rated, n))
+    values = {"shaft.stiffness": machine.stiffness[0], "shaft.damping": machine.damping[0]}
+    for i, body in enumerate(("motor", "load")):
+        values |= {f"{body}.{name}": getattr(machine, name)[i]
+                   for name in ("inertia", "viscous", "idle_torque")}
+    noise = {"sensor_std.motor_speed": 0.02, "torque_std": 0.02 * rated}
+    return machine, two_mass().with_values(values), torque, run, noise
+
+
+def experiment(torque, segments=None, name="r.parquet", **signals):
+    signals = {"motor_torque": torque, **signals}
+    return Experiment(name, name, STEP, 0.0, signals, segments or ((0, len(torque)),))
+
+
+def noisy(values, seed, std=0.02):
+    return values + np.random.default_rng([seed, 7]).normal(0.0, std, len(values))
+
+
+# room, record, options, noise of the file, least fit
+TRUE = {
+    "steps": ("rig", "steps_holdout", ValidateOptions(99.8), NOISE),
+    "steps without noise": ("rig", "steps_holdout", ValidateOptions(99.8), {}),
+    "gap": ("rig", "gap_holdout", ValidateOptions(99.0, segment=1.0), NOISE),
+    "reversing": ("reversing", "moves_holdout", ValidateOptions(98.0), NOISE),
+    "axis": ("axis", "moves_holdout", ValidateOptions(99.9), {}),
+}
+
+
+@pytest.mark.parametrize("room, name, options, noise", TRUE.values(), ids=TRUE)
+def test_true_model_passes(room, name, options, noise):
+    found = judged(room, name, noise, options)
+    check, = found.checks
+    assert check.passed and check.max_correlation < 0.1 and check.correlation_p > 0.05
+    assert check.one_step_fit_percent >= check.simulation_fit_percent - 0.1
+    assert not [f for f in found.findings if f.severity != "note"]
+    assert found.verdict.startswith("Passed") and "nothing in what is left depends" in found.verdict
+    shown = {e.kind: e.curves for e in found.exhibits}
+    y, s = shown["record"]["measured"][1], shown["record"]["simulated"][1]
+    e = y - s
+    assert check.n == len(y)
+    assert check.rmse == pytest.approx(np.sqrt(np.mean(e**2)))
+    assert check.nrmse == pytest.approx(check.rmse / (y.max() - y.min()))
+    assert check.r2 == pytest.approx(1 - np.sum(e**2) / np.sum((y - y.mean()) ** 2))
+    assert check.simulation_fit_percent == pytest.approx(
+        100 * (1 - np.sqrt(np.sum(e**2)) / np.sqrt(np.sum((y - np.mean(y)) ** 2))))
+    lags, r = shown["correlation"]["residual with torque"]
+    assert np.abs(r[lags > 0]).max() == pytest.approx(check.max_correlation)
+    assert shown["correlation"]["band 97 % for one lag"][1].max() == pytest.approx(check.band)
+
+
+# room, record, what is wrong, findings that must be there
+WRONG = {
+    "stiffness": ("rig", "steps_holdout", {"shaft__stiffness": 1.2}, {"residual-depends-on-input"}),
+    "stiffness, gap": ("rig", "gap_holdout", {"shaft__stiffness": 1.2}, {"correlation-above-limit"}),
+    "stiffness, reversing": ("reversing", "moves_holdout", {"shaft__stiffness": 1.2},
+                             {"residual-depends-on-input"}),
+    "gap": ("rig", "gap_holdout", {"shaft__half_gap": 0.0}, {"correlation-above-limit"}),
+    "gap, reversing": ("reversing", "moves_holdout", {"shaft__half_gap": 0.0}, {"residual-depends-on-input"}),
+    "inertia": ("rig", "steps_holdout", {"motor__inertia": 1.05}, {"correlation-above-limit"}),
+    "inertia, gap": ("rig", "gap_holdout", {"motor__inertia": 1.05}, {"correlation-above-limit"}),
+    "inertia, reversing": ("reversing", "moves_holdout", {"motor__inertia": 1.05},
+                           {"correlation-above-limit"}),
+    "Coulomb": ("reversing", "moves_holdout", {"motor__coulomb": 0.0}, {"correlation-above-limit"}),
+    "idle torque": ("rig", "steps_holdout", {"load__idle_torque": 1.01}, {"simulation-drifts"}),
+}
+
+
+@pytest.mark.parametrize("room, name, factors, wanted", WRONG.values(), ids=WRONG)
+def test_wrong_model_is_caught(room, name, factors, wanted):
+    found = judged(room, name, **factors)
+    assert codes(found) >= wanted | {"residual-depends-on-input"}
+    assert found.checks[0].correlation_p < 0.01
+    assert found.checks[0].passed == ("correlation-above-limit" not in codes(found))
+    assert found.checks[0].passed or found.verdict.startswith("Not passed")
+    if "load__idle_torque" not in factors:  # which torque noise estimated here takes for its own
+        assert judged(room, name, {}, **factors).checks[0].correlation_p < 0.01
+
+
+def test_drift_names_the_torque_that_is_missing():
+    found = judged("rig", "steps_holdout", load__idle_torque=1.05)
+    drift, = (f for f in found.findings if f.code == "simulation-drifts")
+    assert drift.evidence["torque"] == pytest.approx(-0.05 * 15.14, rel=0.15)
+    assert "too high" in drift.text and "0.7" in drift.text
+    lower = judged("rig", "steps_holdout", load__idle_torque=0.95)
+    assert any("too low" in f.text for f in lower.findings)
+
+
+def test_noise_across_a_gap_limits_the_free_run():
+    found = judged("rig", "gap_holdout", options=ValidateOptions(90.0))
+    assert codes(found) == {"fit-below-minimum", "noise-limits-the-free-run"}
+    assert not found.checks[0].passed and "as much as the torque noise allows" in found.verdict
+    note, = (f for f in found.findings if f.code == "noise-limits-the-free-run")
+    low, fit, middle = (note.evidence[k] for k in (
+        "attainable_fit_low", "simulation_fit_percent", "attainable_fit_median"))
+    assert low < fit < 60.0 and low < middle < 60.0
+
+
+def test_false_alarms_are_as_rare_as_stated():
+    from scipy.stats import binom
+
+    p, above = [], 0
+    for seed in range(120):
+        _, drive, torque, run, noise = linear(seed, 1600)
+        e = experiment(torque, motor_speed=noisy(run.speeds[:, 0], seed))
+        check, = validate([e], [("m", drive, noise if seed % 2 else {})], ValidateOptions()).checks
+        p.append(check.correlation_p)
+        above += check.max_correlation > 0.15
+    for level in (0.01, 0.05, 0.2):
+        assert np.sum(np.array(p) <= level) <= binom.isf(1e-3, len(p), level)
+    assert np.sum(np.array(p) <= 0.5) >= binom.ppf(1e-3, len(p), 0.2)  # not blind either
+    assert above == 0
+
+
+def test_other_sensors_are_checked_and_leave_the_motor_alone():
+    machine, drive, torque, run, noise = linear(11, 4000)
+    motor, load = noisy(run.speeds[:, 0], 1), noisy(run.speeds[:, 1], 2)
+    angle = noisy(run.angles[:, 1] + 7.0, 3, 1e-4)
+    shaft = noisy(run.shaft_torques[:, 0], 4, 1e-3 * machine.rated_torque)
+    alone = validate([experiment(torque, motor_speed=motor)], [("m", drive, noise)], ValidateOptions())
+    options = ValidateOptions(min_fit=90.0)
+
+    def both(**more):
+        return validate([experiment(torque, motor_speed=motor, **more)], [("m", drive, noise)], options)
+
+    found = both(load_speed=load, shaft_torque=shaft)
+    assert [c.output for c in found.checks] == ["motor_speed", "load_speed", "shaft_torque"]
+    assert [c.unit for c in found.checks] == ["rad/s", "rad/s", "Nm"]
+    assert all(c.passed and c.correlation_p > 0.01 for c in found.checks)
+    assert [e.kind for e in found.exhibits] == ["record", "correlation"] * 3
+    wrong = both(load_speed=1.1 * load)
+    assert not wrong.checks[1].passed and wrong.checks[1].simulation_fit_percent < 50.0
+    for other in (found, wrong):
+        assert replace(other.checks[0], passed=True) == alone.checks[0]
+    turned = both(load_angle=angle).checks[1]
+    assert turned.output == "load_angle" and turned.unit == "rad"
+    assert turned.passed and turned.correlation_p > 0.01 and turned.rmse < 0.05
+
+
+def test_angle_only_slow_sensor_and_interrupted_record():
+    _, drive, torque, run, _ = linear(5, 4000)
+    angle = noisy(run.angles[:, 0], 1, 1e-4)
+    e = experiment(torque, motor_angle=angle)
+    whole, = validate([e], [("m", drive, {})], ValidateOptions(99.0)).checks
+    assert whole.passed and whole.output == "motor_angle" and whole.correlation_p > 0.01
+    slow = np.where(np.arange(4000) % 5 == 0, noisy(run.speeds[:, 0], 2), np.nan)
+    slow[1000:1020] = np.nan
+    cut = ((0, 1800), (2100, 4000))
+    found = validate([experiment(torque, cut, motor_speed=slow)], [("m", drive, {})], ValidateOptions(90.0))
+    check, = found.checks
+    assert check.passed and check.n == 3700 // 5 - 4 and check.correlation_p > 0.01
+    time = found.exhibits[0].curves["simulated"][0]
+    assert len(time) == 3700 and time[1800] == pytest.approx(2.1)
+    pieces = validate([experiment(torque, cut, motor_speed=slow)], [("m", drive, {})],
+                      ValidateOptions(segment=0.3)).checks[0]
+    assert pieces.simulation_fit_percent > check.simulation_fit_percent
+
+
+def test_records_the_fit_has_seen_and_ranges_it_has_not():
+    _, drive, torque, run, noise = linear(7)
+    motor = noisy(run.speeds[:, 0], 1)
+    first = experiment(torque, name="first", motor_speed=motor)
+    other = experiment(torque, name="other", motor_speed=motor + 0.0)
+    models = [("a.yaml", drive, noise), ("a.yaml", drive, {})]
+    found = validate([first, other], models, ValidateOptions(), [["first"], ["first", "other"]])
+    used = [f for f in found.findings if f.code == "record-was-used-for-the-fit"]
+    assert [f.text.split()[0] for f in used] == ["first", "first", "other"]
+    assert [c.model for c in found.checks] == ["a.yaml (1)"] * 2 + ["a.yaml (2)"] * 2
+    assert [c.file for c in found.checks] == ["first", "other"] * 2 and "no validation" not in found.verdict
+    seen = validate([first], models[:1], ValidateOptions(), [["first"]])
+    assert "this is no validation" in seen.verdict
+    half = experiment(torque[:800], name="half", motor_speed=motor[:800])
+    beyond = validate([half, first], models[:1], ValidateOptions(), [["half"]])
+    assert "outside-the-fitted-range" in codes(beyond) and "outside-the-fitted-range" not in codes(found)
+
+
+def test_a_torque_that_never_changes_cannot_be_tested():
+    _, drive, torque, run, noise = linear(9)
+    still = experiment(np.full_like(torque, torque[0]), motor_speed=noisy(run.speeds[:, 0], 1))
+    found = validate([still], [("m", drive, noise)], ValidateOptions())
+    assert "residual-not-testable" in codes(found) and found.checks[0].passed
+    assert np.isnan(found.checks[0].correlation_p) and "nothing in what is left" not in found.verdict
+
+
+def test_what_cannot_be_validated():
+    _, drive, torque, run, _ = linear(9)
+    e = experiment(torque, motor_speed=run.speeds[:, 0])
+    with pytest.raises(BadParameters, match=r"values of load.inertia, shaft.stiffness for a simulation"):
+        validate([e], [("m", two_mass().with_values({"motor.inertia": 1.0}), {})], ValidateOptions())
+    with pytest.raises(BadOption, match="20 samples"):
+        validate([e], [("m", drive, {})], ValidateOptions(segment=0.01))
+    with pytest.raises(NotEnoughData):
+        validate([], [("m", drive, {})], ValidateOptions())
+
+
+def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    log = str(FIXTURES / "rig" / "steps_holdout.parquet")
+    sha = record("rig", "steps_holdout").sha256
+    values = {k: float(v) for k, v in truth("rig").values.items()}
+    file = {"schema": "drivetool/parameters/1", "parameters": values, "noise": NOISE}
+    Path("good.yaml").write_text(yaml.safe_dump(file))
+    Path("seen.yaml").write_text(yaml.safe_dump(file | {"data": [{"file": "x", "sha256": sha}]}))
+    part = {"data": [{"file": "x", "sha256": sha}], "options": {"condition": ["keep to=4", "omit from=1 to=2"]}}
+    Path("part.yaml").write_text(yaml.safe_dump(file | part))
+    Path("bad.yaml").write_text(yaml.safe_dump(file | {"parameters": values | {"motor.inertia": 0.7}}))
+
+    def call(*words):
+        with pytest.raises(SystemExit) as left:
+            main.app(["validate", log, *words, "-o", "v.yaml"], prog_name="drivetool")
+        written = yaml.safe_load(Path("v.yaml").read_text())
+        Path("v.yaml").unlink()
+        return left.value.code or 0, written, capfd.readouterr().err
+
+    code, file, talk = call("-p", "good.yaml", "--min-fit", "99", "--plot", "p", "--segment", "2")
+    assert code == 0 and file["passed"] and "Passed" in talk and file["options"]["segment"] == 2.0
+    assert sorted(p.name for p in Path("p").iterdir()) == [
+        "validate-steps_holdout-correlation.png", "validate-steps_holdout-record.png"]
+    for bar in (("--min-fit", "99.99"), ("--max-correlation", "0.001")):
+        code, file, talk = call("-p", "good.yaml", *bar)
+        assert code == 3 and not file["passed"] and "Not passed" in file["verdict"] and "failure" in talk
+    code, file, _ = call("-p", "good.yaml", "-p", "bad.yaml")
+    assert code == 3 and [c["passed"] for c in file["checks"]] == [True, False]
+    code, file, talk = call("-p", "seen.yaml")
+    assert code == 0 and "record-was-used-for-the-fit" in talk and "no validation" in file["verdict"]
+    assert call("-p", "seen.yaml", "--strict")[0] == 3
+    for condition, said in (("keep from=4", False), ("keep from=1 to=2", False), ("keep from=3.5", True)):
+        talk = call("-p", "part.yaml", "--condition", condition)[2]
+        assert ("record-was-used-for-the-fit" in talk) == said, condition
+    assert call("-p", "good.yaml", "--quiet") == call("-p", "good.yaml", "--quiet")

@@ -1,0 +1,65 @@
+"""Which end of a drive has a law that both may have: said where the record does not tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from drivetool.check.model import at_rest, everything, from_start
+from drivetool.check.which_body import untold_bodies
+from drivetool.drive.chain import three_mass, two_mass
+from drivetool.identify.engine import Task
+from drivetool.identify.setup import roles_of
+from drivetool.logs.build import open_experiment
+from tests.hidden import make_case
+from tests.identify.test_parts import MACHINE, TRUE
+from tests.recover import reversing_record
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """A record of a drive with drag at its motor, its true values, and the size of the drag."""
+    folder = tmp_path_factory.mktemp("drag")
+    case = make_case("quadratic-drag", 3, sensors=("motor_speed", "shaft_torque"), duration=6.0)
+    logs, _ = case.write_records(folder)
+    label = case.label(False)
+    (name, value), = label["effects"][0]["truth"].items()
+    return open_experiment(logs[0], None), label["plain"], name.partition(".")[0], value
+
+
+@pytest.mark.parametrize(("roles", "found"), [(("motor_speed",), True), (("motor_speed", "shaft_torque"), False)])
+def test_the_motor_alone_does_not_tell_whose_drag_it_is(told, roles, found):
+    record, plain, owner, value = told
+    record = replace(record, signals={r: record.signals[r] for r in ("motor_torque", *roles)})
+    drive = two_mass().with_values({n: v for n, v in plain.items() if n in two_mass().quantities})
+    task = Task(drive, tuple(n for n in drive.quantities if n in plain), roles_of([record], drive), (record,))
+    masks = everything(task.problem())
+    name = f"{owner}.drag"
+    free = tuple(n for n in drive.quantities if n in {*task.free, name})
+    model = at_rest(from_start(replace(task, drive=drive.with_values({name: value}), free=free)), masks)
+    search = SimpleNamespace(model=replace(model, code="quadratic-drag"), masks=masks,
+                             found=SimpleNamespace(causes=["quadratic-drag"], added={"quadratic-drag": (name,)}))
+    notes = untold_bodies(search)
+    assert [f.code for f in notes] == ["body-not-told"] * found
+    if found:
+        other = next(n for n in notes[0].evidence if n.endswith(".drag"))
+        assert other != name and notes[0].evidence[other] == pytest.approx(value, rel=0.1)
+        assert "Log the shaft torque" in notes[0].action
+
+
+def test_of_a_chain_the_likeliest_other_body_is_named():
+    """Drag of the middle body, which moves as the last one does behind a stiff shaft."""
+    machine = replace(MACHINE, effects=replace(MACHINE.effects, quadratic=(0.0, 0.02, 0.0)))
+    record, _ = reversing_record(machine, 5, 6.0)
+    drive = three_mass().with_values({**TRUE, "gear.drag": 0.02})
+    free = tuple(n for n in drive.quantities if n in {*TRUE, "gear.drag"})
+    task = Task(drive, free, roles_of([record], drive), (record,))
+    masks = everything(task.problem())
+    model = replace(at_rest(from_start(task), masks), code="quadratic-drag")
+    search = SimpleNamespace(model=model, masks=masks, found=SimpleNamespace(
+        causes=["quadratic-drag"], added={"quadratic-drag": ("gear.drag",)}))
+    (note,) = untold_bodies(search)
+    assert note.code == "body-not-told" and "gear.drag" in note.text
+    assert note.evidence["arm.drag"] == pytest.approx(0.02, rel=0.1)

@@ -1,0 +1,102 @@
+"""The compiled kernel writes nowhere but into its arrays, and reads nothing that lies beside them."""
+
+
+import numpy as np
+import pytest
+
+from drivetool.drive import simulate
+from drivetool.drive.effects import EFFECTS
+from drivetool.drive.simulate import Trace
+from drivetool.drive.table import fields, packed
+from tests.drive.test_effects import OUTPUTS, OWNER, SMOOTH, base, reversals
+from tests.drive.test_kernel import STEP, THREE, drive_of, plant_of
+
+MARGIN = 64  # numbers before and after each array
+BESIDE = {"float64": np.nan, "int64": 2**40 + 1}
+
+
+class Fenced:
+    """Tables whose arrays are copies that lie between margins; what is read there shows, and what is written."""
+
+    def __init__(self):
+        self.kept = []
+
+    def packed(self, values):
+        inside = {}
+        for name, number, dimensions in fields(type(values)):
+            if dimensions:
+                array = getattr(values, name)
+                room = np.full(array.size + 2 * MARGIN, BESIDE[number.name], number)
+                inside[name] = room[MARGIN:MARGIN + array.size].reshape(array.shape)
+                inside[name][...] = array
+                self.kept.append((name, room, inside[name], array))
+        return packed(values._replace(**inside))
+
+    def check(self):
+        """Look at the margins, and hand over what was written between them."""
+        for name, room, inside, array in self.kept:
+            for margin in (room[:MARGIN], room[-MARGIN:]):
+                np.testing.assert_array_equal(margin, np.full(MARGIN, BESIDE[room.dtype.name]), err_msg=name)
+            if array.flags.writeable:
+                array[...] = inside
+
+
+@pytest.fixture
+def fenced(monkeypatch):
+    """A function that calls another with all arrays of the kernel between margins."""
+    call = simulate.Plant._call
+
+    def inside(function, *arguments):
+        made = Fenced()
+
+        def checked(plant, *given):
+            events = call(plant, *given)
+            made.check()
+            return events
+
+        with monkeypatch.context() as patch:
+            patch.setattr(simulate, "packed", made.packed)
+            patch.setattr(simulate.Plant, "_call", checked)
+            return function(*arguments)
+
+    return inside
+
+
+def everything(drive, outputs, free, record, start):
+    """All that the kernel can be asked for: simulated and filtered, with and without sensitivities and observer."""
+    plant = plant_of(drive, outputs, free)
+    n = len(outputs)
+    out, states, _ = plant.simulate(record, start[:plant.nx], keep=True)
+    filtered = plant.filter(record, start[:plant.nx], np.full(n, 1e-4), 1e-2, np.zeros(plant.system.nx))
+    seen = plant.simulate(record, start[:plant.nx], filtered.gains)[0]
+    free_run, slopes = plant.jacobian(record, start[:plant.nx])
+    _, observed = plant.jacobian(record, start[:plant.nx], filtered.gains)
+    return out, states, filtered.innovations, filtered.states, seen, free_run, slopes, observed
+
+
+def the_same(fenced, drive, outputs, free):
+    """Compare runs with and without margins, some measurements missing."""
+    torque = reversals(300)
+    measured = np.random.default_rng(1).normal(0.0, 0.1, (len(torque), len(outputs)))
+    measured[::7, 1] = np.nan
+    record, start = Trace(torque[:, None], measured, STEP), np.array([0.5, -0.3, 0.012, *np.zeros(9)])
+    given = drive, outputs, free, record, start
+    for one, other in zip(fenced(everything, *given), everything(*given), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("law", ["inside", "always"])
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
+def test_arrays_between_margins_give_the_same(effect, law, fenced):
+    """Each effect acting, with what it consists of fixed and free."""
+    drive = base(law, **SMOOTH.get(effect.code, {}))
+    names = [f"{OWNER[effect.of]}.{suffix}" for suffix in effect.quantities]
+    names = [name for name in names if np.isfinite(drive.values.get(name, np.nan))]
+    for free in ((), names):
+        the_same(fenced, drive, OUTPUTS, free)
+
+
+def test_three_masses_between_margins_give_the_same(fenced):
+    drive = drive_of(THREE)
+    for free in ((), ("motor.inertia", "shaft2.stiffness", "shaft.half_gap", "gear.coulomb")):
+        the_same(fenced, drive, ("motor_speed", "arm_speed"), free)
