@@ -5,9 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
-Severity = Literal["note", "warning", "failure"]
+from drivetool.finding_codes import CODES, Severity
 
 
 class DriveToolError(Exception):
@@ -52,7 +51,7 @@ class NotEnoughData(DriveToolError):
 class Finding:
     """Something a person should know about a recording, a fit or a model.
 
-    code      stable, lower case with hyphens, for scripts
+    code      one of `finding_codes`: stable, lower case with hyphens, for scripts
     text      one sentence for a plant engineer
     evidence  the numbers behind it, name -> value in SI
     action    what to do about it; empty if nothing
@@ -63,6 +62,11 @@ class Finding:
     text: str
     evidence: Mapping[str, float | int | str] = field(default_factory=dict)
     action: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse a code that the registry, and so the reference pages, lack."""
+        if self.code not in CODES:
+            raise ValueError(f"'{self.code}' is no registered finding code; enter it into drivetool/finding_codes.")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

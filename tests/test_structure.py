@@ -8,13 +8,14 @@ import pytest
 
 ROOT = Path(__file__).parent.parent / "drivetool"
 FILES = sorted(ROOT.rglob("*.py"))
-BASE = {"quantity", "errors", "progress"}
+BASE = {"quantity", "errors", "progress", "finding_codes"}
 LOWER = {"logs": BASE, "drive": BASE, "identify": BASE | {"logs", "drive"}}
 LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
 LOWER["cli"] = LOWER["files"] | {"files"}
 LOWER["__main__"] = {"cli"}
-LOWER["errors"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
+LOWER["errors"] = {"finding_codes"}
+LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
 FREE = {"numpy", "scipy", "drivetool"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control", "numba"},
           "drive": {"llvmlite", "numba"},

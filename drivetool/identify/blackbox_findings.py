@@ -77,8 +77,7 @@ def _of_line(line: Parameter, drive: Drive) -> list[Finding]:
     """What there is to say about one parameter."""
     if line.status == "not-identifiable":
         # Friction is what the steady step is for.
-        severity = "note" if line.name.endswith(".viscous") else "warning"
-        return [Finding(severity, "not-identifiable",
+        return [Finding("note" if line.name.endswith(".viscous") else "warning", "not-identifiable",
                         f"{line.name} cannot be told from this record: {line.reason}.",
                         {"value": line.value} if np.isfinite(line.value) else {},
                         experiment_for(line.name, drive))]

@@ -40,7 +40,7 @@ def estimator(experiments, drive, options):
     return Estimate(
         "greybox", drive, (Parameter("motor.inertia", drive.values["motor.inertia"], "kg m^2", 0.5, 0.01),),
         "converged", {"simulation_fit_percent": 90.0, "n": 500},
-        findings=(Finding(severity, "stub", "Stub."),), exhibits=exhibits,
+        findings=(Finding(severity, "no-fit", "Stub."),), exhibits=exhibits,
         data=tuple((e.name, e.sha256) for e in experiments))
 
 
@@ -102,7 +102,7 @@ def test_result_on_a_pipe_is_the_file_alone(folder, call):
     assert content["options"]["criterion"] == "innovations"
     assert [entry["file"] for entry in content["inputs"]] == ["hand.yaml"]
     assert [entry["file"] for entry in content["data"]] == ["steps.parquet"]
-    assert "note stub: Stub." in err and "drivetool greybox: converged" in err
+    assert "note no-fit: Stub." in err and "drivetool greybox: converged" in err
     assert str(folder) not in out
     assert call(*words)[1] == out
 
@@ -146,8 +146,8 @@ def test_drive_by_name_and_by_file(folder, call):
 
 @pytest.mark.filterwarnings("default:overflow in something")
 @pytest.mark.parametrize("seed, flags, code, words", [
-    (1, [], 0, "converged"), (2, [], 0, "warning stub"), (2, ["--strict"], 3, "warning stub"),
-    (3, [], 3, "failure stub"), (4, [], 1, "greybox: error: wanted a gap that opens; found none. Reverse"),
+    (1, [], 0, "converged"), (2, [], 0, "warning no-fit"), (2, ["--strict"], 3, "warning no-fit"),
+    (3, [], 3, "failure no-fit"), (4, [], 1, "greybox: error: wanted a gap that opens; found none. Reverse"),
     (5, [], 1, "unexpected ValueError: two lines (run again with --debug"), (6, [], 130, "interrupted"),
     (7, [], 0, "warning: overflow in something"),
 ])

@@ -38,7 +38,7 @@ ESTIMATE = Estimate(
     Covariance(("motor.inertia", "load.inertia", "shaft.damping"),
                np.array([[1.44e-6, 2e-7, 0], [2e-7, 5.29e-4, 0], [0, 0, np.nan]])),
     {"motor_speed_std": 0.02}, {"poles_hz": [[-1.0, 12.6], [-1.0, -12.6]]},
-    (Finding("warning", "coloured", "Torque noise is coloured [sic].", {"p": 1e-9, "lags": 20},
+    (Finding("warning", "torque-is-measured", "Torque noise is coloured [sic].", {"p": 1e-9, "lags": 20},
              "Diagnose."),),
     (("steps.parquet", "ab" * 32),), {"seed": 1, "hold": ("shaft.half_gap",)})
 CHECK = RecordCheck("greybox.yaml", "gap.parquet", "motor_speed", "rad/s", 93.12, None, 0.0123, 0.001, 0.99,
@@ -144,7 +144,7 @@ def test_parameter_table_fits_80_columns():
 
 def test_findings_are_listed_with_what_to_do():
     text = show(lambda file, console: tables.print_findings(file.findings, console), estimate_file(ESTIMATE))
-    assert text == "warning coloured: Torque noise is coloured [sic]. Diagnose.\n"
+    assert text == "warning torque-is-measured: Torque noise is coloured [sic]. Diagnose.\n"
 
 
 def test_validation_table_and_cross_table():

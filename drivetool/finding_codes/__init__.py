@@ -1,0 +1,24 @@
+"""The registry of finding codes: each code that a finding may have, with its meaning and what to do.
+
+One table per stage of the work. The reference pages print it, and `errors.Finding` refuses a code that it lacks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from drivetool.finding_codes import checks, fits, records, tuning
+from drivetool.finding_codes.code import Code, Severity
+
+# Stage, in words -> its codes.
+STAGES: Mapping[str, Mapping[str, Code]] = MappingProxyType({
+    "Reading and conditioning a recording": records.CODES,
+    "Identification": fits.CODES,
+    "Validation and diagnosis": checks.CODES,
+    "Controller tuning": tuning.CODES,
+})
+CODES: Mapping[str, Code] = MappingProxyType(
+    {code: entry for table in STAGES.values() for code, entry in table.items()})
+
+__all__ = ["CODES", "STAGES", "Code", "Severity"]

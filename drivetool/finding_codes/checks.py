@@ -1,0 +1,131 @@
+"""Codes about validation, replays and diagnoses."""
+
+from drivetool.finding_codes.code import FAILURE, NOTE, WARNING, Code
+
+CODES = {
+    "base-fitted-to-other-data": Code(
+        WARNING,
+        "The base of a diagnosis was fitted to other recordings. A difference between the recordings, as in "
+        "temperature or load, may be taken for a cause.",
+        "Fit the base to these recordings with `greybox`."),
+    "body-not-told": Code(
+        NOTE,
+        "A law that was found explains the record equally well on another body: the log likelihoods differ by "
+        "less than 4. Its location is not identifiable from this record.",
+        "Log the shaft torque too, or look at both ends of the drive."),
+    "correlation-above-limit": Code(
+        FAILURE,
+        "The cross-correlation of the residual with the torque exceeds the limit `--max-correlation`. The model "
+        "lacks something that depends on the input, unless the record is so short that chance explains it.",
+        "Run `diagnose`, or record longer."),
+    "diagnosis-named": Code(
+        NOTE,
+        "The diagnosis identifies one or more causes: effects that the model lacks, or faults of the record. They "
+        "improve the prediction of held-out data, and no other candidate does as well.",
+        "Act on the stated causes; go on with the extended drive that the file holds."),
+    "diagnosis-nothing-found": Code(
+        NOTE,
+        "The residual holds nothing beyond noise that an effect of the catalogue explains.",
+        "Nothing. A smaller effect needs the stated experiment."),
+    "diagnosis-undetermined": Code(
+        WARNING,
+        "Several causes explain the record equally well, or a cause helps but leaves doubt that an effect outside "
+        "the catalogue is at work.",
+        "Do the stated experiment, which tells the causes apart."),
+    "diagnosis-unexplained": Code(
+        WARNING,
+        "The model lacks something, but no effect of the catalogue explains the residual.",
+        "Do the stated experiment; look at the pictures of the residual."),
+    "encoder-steps": Code(
+        NOTE,
+        "The quantisation of an encoder makes up at least a tenth of the noise variance of an angle. The motion "
+        "covers many steps between samples, so it acts as white noise.",
+        "Use a finer encoder if smaller effects matter."),
+    "fit-below-minimum": Code(
+        FAILURE,
+        "The fit of the simulated output is below the limit `--min-fit`.",
+        "Look at the pictures of `--plot`, then run `diagnose`."),
+    "held-out-record-differs": Code(
+        WARNING,
+        "A held-out record asks for other parameter values than the records of the fit: the log likelihood rises "
+        "clearly when the stated parameters change. The machine changed, or a law is missing.",
+        "Fit each record by itself, or hold out one that was made under the same conditions."),
+    "held-out-record-was-fitted": Code(
+        WARNING,
+        "A recording after `--holdout` was used for the fit of the base. It is not independent, and the stated "
+        "gain is biased.",
+        "Hold out a recording that no fit has used."),
+    "noise-limits-the-free-run": Code(
+        NOTE,
+        "Under the estimated torque noise even a true model cannot reproduce this free run, as across a backlash "
+        "gap. The simulation fit is within what simulations with other noise reach.",
+        "Judge the model by its residual, or by shorter free runs: `--segment 1`."),
+    "one-step-errors-hum": Code(
+        NOTE,
+        "The one-step prediction errors hold a narrow-band disturbance at a fixed frequency, whatever the speed: "
+        "mains, a fan, or a structural resonance that the model lacks.",
+        "Look for it in a record at standstill, with the power stage on and off."),
+    "outliers": Code(
+        WARNING,
+        "Single samples of a sensor lie far from their neighbours or from what the model predicts. They are left "
+        "out.",
+        "Check the cable and the connector of the sensor."),
+    "outside-the-fitted-range": Code(
+        WARNING,
+        "The torque or speed of the validation record exceeds the range of the fitted records by more than a "
+        "tenth. The model extrapolates there.",
+        "Fit on a recording with this range too, if the machine works there."),
+    "parameters-change": Code(
+        WARNING,
+        "The first half of the records asks for other parameter values than the second. The drive changes with "
+        "temperature or wear, or a law is missing that the halves excite differently.",
+        "Fit the halves by themselves to see which parameter changes; record after warming up."),
+    "quantisation": Code(
+        NOTE,
+        "The steps in which a sensor is logged make up at least a tenth of its noise variance. In slow motion "
+        "this error is correlated, and fits can take it for physics.",
+        "Log the sensor with more digits or from a finer sensor; for a speed, log the angle."),
+    "record-was-used-for-the-fit": Code(
+        WARNING,
+        "The record was used for the fit of the model. This is no validation.",
+        "Validate on a recording that the fit has not used."),
+    "residual-depends-on-input": Code(
+        WARNING,
+        "The residual of the simulation depends on the torque, at a family-wise significance of 1 %. The model "
+        "lacks an effect, or a parameter is biased.",
+        "Run `diagnose`."),
+    "residual-not-testable": Code(
+        NOTE,
+        "Whether the residual depends on the torque cannot be tested: the torque is constant, or the record is "
+        "too short.",
+        "Record while the torque changes."),
+    "shaft-torque-unchecked": Code(
+        NOTE,
+        "Sign and scale of the shaft torque sensor could not be checked: the fit to the motor alone does not "
+        "determine the torque in the shaft.",
+        "Record torque steps that excite the resonance."),
+    "simulation-drifts": Code(
+        WARNING,
+        "The error of a simulated speed is mostly a ramp, steeper than the noise explains. An idle torque or a "
+        "friction is biased, or the inertia is wrong under a torque of one direction.",
+        "Check friction and idle torque with `steady`, and whether the load was the same."),
+    "speed-filter": Code(
+        NOTE,
+        "The logged motor speed is later than the rate of the logged motor angle, as behind a low-pass filter. "
+        "The diagnosis counts it as a cause.",
+        "Log the speed before its filter, or use the angle."),
+    "tuned-for-another-file": Code(
+        NOTE,
+        "The gains that are replayed were tuned for another parameter file, or for an earlier state of this one.",
+        "Tune again if the parameters have changed."),
+    "wrong-scale": Code(
+        WARNING,
+        "Two channels that measure the same motion or torque differ by a factor. A unit, a scale or a gear ratio "
+        "is wrong; the diagnosis corrects the channel for the rest of its work.",
+        "Correct unit or scale in the channel map, or the gear ratio of the drive."),
+    "wrong-sign": Code(
+        WARNING,
+        "Two channels that measure the same motion or torque have opposite signs. The diagnosis corrects the sign "
+        "for the rest of its work.",
+        "Set `sign: -1` for the stated channel in the channel map."),
+}
