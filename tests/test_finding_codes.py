@@ -1,7 +1,8 @@
-"""The registry of finding codes against the code that raises them."""
+"""The registry of finding codes against the code that raises them and the tests that ask for them."""
 
 import ast
 import re
+from pathlib import Path
 
 import pytest
 
@@ -63,6 +64,13 @@ def test_every_registered_code_is_raised_with_the_severities_that_it_states():
         # All verdicts of a diagnosis are raised by one call; each has one of its severities.
         verdict = code.startswith("diagnosis-")
         assert set(entry.severities) < raised if verdict else set(entry.severities) == raised, code
+
+
+def test_every_registered_code_is_asked_for_in_a_test():
+    here = Path(__file__).resolve()
+    tests = "".join(p.read_text(encoding="utf-8") for p in sorted((ROOT / "tests").rglob("*.py")) if p != here)
+    asked = set(re.findall('"(?:note |warning |failure )?([a-z-]+)"', tests))
+    assert not set(CODES) - asked
 
 
 def test_a_code_stands_in_one_table():

@@ -81,7 +81,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
-    estimate = _one_sided_contact(_ambiguous(estimate, outcome, gaps), outcome, gaps)
+    estimate = _one_sided_contact(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
 
@@ -186,7 +186,7 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
                    exhibits=(*estimate.exhibits, curve))
 
 
-def _ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
+def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]) -> Estimate:
     """No interval where a start ended at quite another gap that is as likely."""
     rivals = [s["reached"] for s in outcome.starts
               if s.get("minus_log_likelihood_above_best", np.inf) < LEVEL95 and "reached" in s]

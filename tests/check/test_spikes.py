@@ -53,7 +53,7 @@ def test_what_is_spared_stays_and_what_was_left_out_comes_back_on_its_scale():
     e = Experiment("r", "0" * 64, STEP, 0.0, {"motor_torque": np.zeros(SIZE), "motor_speed": y}, ((0, SIZE),),
                    "Nm", "rad", "command", ())
     mended, (finding,) = without_outliers(e, {"motor_speed": [700]})
-    assert finding.evidence["count"] == 1
+    assert finding.code == "outliers" and finding.evidence["count"] == 1
     assert list(np.flatnonzero(np.isnan(mended.signals["motor_speed"]))) == [1900]
     halved = replace(mended, signals={**mended.signals, "motor_speed": 0.5 * mended.signals["motor_speed"]})
     (whole,) = put_back([halved], [e])

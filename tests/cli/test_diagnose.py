@@ -177,15 +177,16 @@ def test_failures_of_the_statistics(folder, asked, call):
     assert not Path("x.yaml").exists() and not Path("r.html").exists()
 
 
-@pytest.mark.parametrize("verdict, code", [("nothing-found", 0), ("named", 0), ("undetermined", 3),
-                                           ("unexplained", 3)])
-def test_what_is_found_is_no_failure(folder, asked, call, verdict, code):
-    findings = (Finding("note", "settled", "It settled."),)
+@pytest.mark.parametrize("finding, code", [("diagnosis-nothing-found", 0), ("diagnosis-named", 0),
+                                           ("diagnosis-undetermined", 3), ("diagnosis-unexplained", 3)])
+def test_what_is_found_is_no_failure(folder, asked, call, finding, code):
+    verdict = finding.removeprefix("diagnosis-")
+    findings = (Finding("note", "torque-command-assumed", "It is."),)
     made = diagnosed.diagnosis(verdict=verdict, between=("backlash", "dead-time"), experiment="Load it more.")
     asked.answer = replace(made, estimate=replace(made.estimate, findings=findings))
     assert call(*WORDS, "-o", "x.yaml")[0] == 0
     found, _, err = call(*WORDS, "-o", "x.yaml", "--strict")
-    assert found == code and f"diagnosis-{verdict}" in err and "Load it more." in err
+    assert found == code and finding in err and "Load it more." in err
     assert "Load it more." in call("show", "x.yaml")[1]
 
 

@@ -131,6 +131,12 @@ def test_inspect_tells_what_a_step_would_refuse(tmp_path, call):
     code, out, err = call("inspect", "a.mcap", "--map", "map.yaml")
     roles = {c["name"]: c["role"] for c in yaml.safe_load(out)["channels"]}
     assert code == 0 and roles["/drive.torque"] == "motor_torque" and "role-missing" in err
+    assert "role-unclear" not in err
+    (tmp_path / "map2.yaml").write_text(MAP)
+    time = np.arange(60) * 1e-3
+    names = ["time", "/drive.torque", "/drive.speed", "/spare.speed"]
+    pq.write_table(pa.table([time, np.sin(time), np.cos(time), np.cos(time)], names=names), tmp_path / "b.parquet")
+    assert "role-unclear" in call("inspect", "b.parquet", "--map", "map2.yaml")[2]
     # Half of the file, and a clock that jumps: both are told, nothing fails.
     raw = (tmp_path / "a.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(raw[:len(raw) // 2])

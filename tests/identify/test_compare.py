@@ -156,6 +156,14 @@ def test_what_is_missing_from_a_record_leaves_the_mean_out():
     assert (only.structure, only.mean, only.std, only.standard_error) == ("bj", 2.0, np.sqrt(2.0), 1.0)
 
 
+def test_a_record_that_a_structure_cannot_be_fitted_to_is_named():
+    """Ninety samples are too few for order 40, and the tables go on without it."""
+    short = [replace(record("bus", n).between(0.0, 0.3), name=n) for n in ("prbs1", "chirp1")]
+    found = compare(short, drive("bus"), CompareOptions(("oe",), order=40))
+    assert [f.code for f in found.findings] == ["no-fit", "no-fit"]
+    assert "oe on prbs1" in found.findings[0].text
+
+
 def test_what_cannot_be_is_said():
     with pytest.raises(NotEnoughData, match="two recordings"):
         compare([record("bus", "prbs1")], drive("bus"), CompareOptions())

@@ -195,6 +195,51 @@ def test_the_period_is_found(size, count, seed, noise):
     assert period_of(np.random.default_rng(seed).standard_normal(size * count)) is None
 
 
+# what is said of a response
+
+
+def said(*pairs, **options):
+    """Code -> severity of the findings on (torque, output) of each run."""
+    found = spectra([experiment(u, y) for u, y in pairs], SpectraOptions(**options)).findings
+    return {f.code: f.severity for f in found}
+
+
+ODD = np.array([k for k in range(1, 120, 2) if k % 8 != 5])  # odd lines, every fourth left out
+
+
+@pytest.mark.parametrize(("even", "odd"), [(0.05, 0.0), (0.0, 0.05), (5e-4, 5e-4), (0.0, 0.0)])
+def test_loud_distortion_is_a_warning_and_weak_distortion_a_note(even, odd):
+    u = np.tile(multisine(1000, ODD, 3) / 5.0, 6)
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(len(u))
+    found = said((u, u + even * u**2 + odd * u**3 + noise))
+    severity = {0.05: "warning", 5e-4: "note", 0.0: None}
+    assert (found.get("even-distortion"), found.get("odd-distortion")) == (severity[even], severity[odd])
+    assert "distortion-hidden" not in found
+
+
+def test_a_full_multisine_hides_its_distortion():
+    u = np.tile(multisine(500, np.arange(1, 100), 1), 6)
+    assert said((u, u))["distortion-hidden"] == "note"
+
+
+@pytest.mark.parametrize("cube", [0.0, 0.05])
+def test_distortion_shows_in_the_variance_over_runs(cube):
+    runs = []
+    for k in range(6):
+        u = np.tile(multisine(500, np.arange(1, 100), 20 + k) / 7.0, 5)
+        runs.append((u, u + cube * u**3 + 1e-3 * np.random.default_rng(k).standard_normal(len(u))))
+    assert ("distortion-over-runs" in said(*runs)) == (cube > 0.0)
+
+
+@pytest.mark.parametrize(("noise", "low"), [(0.01, False), (1.0, True)])
+def test_lines_of_low_coherence_are_counted(noise, low):
+    """A first-order lag leaves its upper frequencies to the noise."""
+    rng = np.random.default_rng(2)
+    u = rng.standard_normal(20_000)
+    y = signal.lfilter([0.1], [1.0, -0.9], u) + noise * 0.1 * rng.standard_normal(len(u))
+    assert said((u, y)).get("low-coherence") == ("warning" if low else None)
+
+
 # what cannot be
 
 

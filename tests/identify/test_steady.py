@@ -209,6 +209,13 @@ def test_falling_friction_is_clipped_and_said():
     assert next(f for f in found.findings if f.code == "negative-viscous").severity == "warning"
 
 
+@pytest.mark.parametrize(("coulomb", "severity"), [(-1.5, "warning"), (COULOMB, None)])
+def test_friction_that_drives_the_motion_is_clipped_and_said(coulomb, severity):
+    found, by_name = run(one(BOTH, coulomb=coulomb))
+    assert (by_name["motor.coulomb"].value == 0.0) == (coulomb < 0.0)
+    assert {f.code: f.severity for f in found.findings}.get("negative-coulomb") == severity
+
+
 def test_a_bend_widens_the_intervals():
     speed, torque = records(LEVELS)
     bent = torque[:, 0] + 2e-3 * (speed[:, 0] - 27)**2

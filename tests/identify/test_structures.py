@@ -266,6 +266,26 @@ def test_in_closed_loop_the_right_noise_model_is_unbiased_and_its_lack_is_found(
     assert "noise-model-matters" in first["oe"][2]
 
 
+# what is said of the residual and of the order
+
+
+@pytest.mark.parametrize(("kind", "torque_noise", "code"), [
+    ("oe", 0.3, "errors-not-white"), ("arx", 0.3, "noise-model-wrong"), ("innovations", 0.3, None),
+    ("oe", 0.0, None)])
+def test_a_coloured_residual_is_said_of_the_structure_that_it_hurts(kind, torque_noise, code):
+    """Torque noise passes through the drive: only the innovations form has its colour."""
+    found = structured([record(RIG, 6, torque_noise=torque_noise)], two_mass(), Options(structure=kind, order=3))
+    said = {f.code for f in found.findings} & {"errors-not-white", "noise-model-wrong"}
+    assert said == ({code} if code else set())
+
+
+@pytest.mark.parametrize(("order", "said"), [(1, True), (3, False)])
+def test_an_order_that_has_no_chain_gives_no_parameters(order, said):
+    found = structured([record(RIG, 6, n=2000)], two_mass(), Options(structure="oe", order=order))
+    assert ("no-conversion" in {f.code for f in found.findings}) == said
+    assert ("shaft.stiffness" in found.drive.values) != said
+
+
 # what cannot be
 
 
