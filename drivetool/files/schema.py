@@ -23,15 +23,19 @@ TITLES = {
 }
 
 
-def schemas() -> dict[str, str]:
-    """File name -> JSON Schema text, sorted."""
+def kinds() -> dict[str, type]:
+    """Kind of file -> its type, as in TITLES."""
     from drivetool.files.inspection import InspectionFile
     from drivetool.logs.channel_map import ChannelMapFile
 
-    types = {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
-             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
-             "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile}
-    return {f"{name}.json": _text(TITLES[name], shape) for name, shape in types.items()}
+    return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
+            "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
+            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile}
+
+
+def schemas() -> dict[str, str]:
+    """File name -> JSON Schema text, sorted."""
+    return {f"{name}.json": _text(TITLES[name], shape) for name, shape in kinds().items()}
 
 
 def _text(title: str, shape: type) -> str:

@@ -10,7 +10,7 @@ from drivetool.errors import BadParameters
 # symbol -> (factor to SI, exponents of kg, m, s, A, rad). The radian counts as a dimension of
 # its own, so that a stiffness in Nm is not taken for one in Nm/rad.
 _FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
-_ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
+ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
     "": (1.0, (0, 0, 0, 0, 0)),
     "1": (1.0, (0, 0, 0, 0, 0)),
     "-": (1.0, (0, 0, 0, 0, 0)),
@@ -103,8 +103,8 @@ def _product(tokens: list[re.Match]) -> tuple[tuple[float, tuple[int, ...]], lis
             if not tokens:
                 raise ValueError("bracket")
             tokens, power = tokens[1:], sign
-        elif token["atom"] in _ATOMS:
-            size, dims = _ATOMS[token["atom"]]
+        elif token["atom"] in ATOMS:
+            size, dims = ATOMS[token["atom"]]
             power = sign * int(token["power"] or 1)
         else:
             raise ValueError(token[0])

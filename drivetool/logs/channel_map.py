@@ -45,7 +45,11 @@ class Rated(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The channel that holds the time stamps; for MCAP a field, log_time or publish_time."""
+    """The channel that holds the time stamps; for MCAP a field, log_time or publish_time.
+
+    channel  name of the channel
+    unit     of the time stamps, if the log does not say it
+    """
 
     channel: str
     unit: str | None = None
@@ -54,6 +58,11 @@ class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One role: SI value = sign * (scale * raw + offset), converted from `unit`.
 
+    channel  name of the channel; in MCAP the part after the topic is enough where it is the only one
+    unit     of the channel, if the log does not say it
+    scale    factor on the raw value
+    offset   added after the factor
+    sign     -1 turns the channel round
     rated    what 100 % is
     per_rev  counts per revolution, for the unit `counts`
     wrap     the raw value at which the channel starts again, such as 65536 or 360; unwrapped first
@@ -85,7 +94,13 @@ RoleEntries = msgspec.defstruct(
 
 
 class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The channel map as it is on disk."""
+    """The channel map as it is on disk.
+
+    roles      role -> channel, by its name alone or with what is known of it
+    time       the channel with the time stamps
+    torque_is  whether the logged torque is the command or a measurement of it
+    condition  conditioning steps, as after --condition, in their order
+    """
 
     schema: Literal["drivetool/channel-map/1"]
     roles: RoleEntries

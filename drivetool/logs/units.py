@@ -14,7 +14,7 @@ COUNTS = "counts"
 
 # unit -> (dimension, SI unit, factor, other spellings). A torque may be logged as a torque, a force
 # or a current and an angle as a length: the chain of inertias is the same.
-_TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
+TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "Nm": ("torque", "Nm", 1.0, ("N-m", "newtonmetre", "newtonmeter")),
     "mNm": ("torque", "Nm", 1e-3, ("mN-m",)),
     "kNm": ("torque", "Nm", 1e3, ("kN-m",)),
@@ -78,7 +78,7 @@ def _normal(text: str) -> str:
 
 
 _KNOWN = {_normal(name): Unit(unit, dimension, si, factor)
-          for unit, (dimension, si, factor, others) in _TABLE.items()
+          for unit, (dimension, si, factor, others) in TABLE.items()
           for name in (unit, *others)}
 # "N.m" is common, "p.u." too; a full stop elsewhere is a typing error worth an answer.
 _KNOWN |= {"N.m": _KNOWN["Nm"], "kN.m": _KNOWN["kNm"], "mN.m": _KNOWN["mNm"]}
@@ -87,7 +87,7 @@ _KNOWN |= {"N.m": _KNOWN["Nm"], "kN.m": _KNOWN["kNm"], "mN.m": _KNOWN["mNm"]}
 def units_for(dimension: str) -> tuple[str, ...]:
     """The units a role of this dimension takes; a signal may also be a share of its rated value."""
     more = {"time": (), "angle": (RELATIVE, COUNTS)}.get(dimension, (RELATIVE,))
-    return tuple(name for name, (kind, *_) in _TABLE.items() if kind in (dimension, *more))
+    return tuple(name for name, (kind, *_) in TABLE.items() if kind in (dimension, *more))
 
 
 def parse_unit(text: str | None, dimension: str, where: str,
