@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test study bench fuzz fixtures schemas lint clean
+.PHONY: demo test study bench fuzz fixtures schemas reference lint clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
@@ -30,6 +30,9 @@ fixtures: $(VENV)/ready
 
 schemas: $(VENV)/ready
 	$(BIN)/python -m drivetool.files.schema schemas
+
+reference: $(VENV)/ready
+	$(BIN)/python docs/generate_reference.py docs/reference
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
