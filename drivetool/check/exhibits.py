@@ -90,7 +90,7 @@ def exhibits_of(views: Sequence[View], inertia: float, rounds: Sequence[Round] =
     """All pictures of a diagnosis.
 
     views        the records; the pictures over speed, torque, order and reversals pool them
-    inertia      of the whole drive as the motor feels it (freerun.rigid_inertia), in its unit
+    inertia      of the whole drive referred to the motor (Drive.referred_inertia), in its unit
     rounds       what was tried; a picture each
     noise_floor  std of the sensor alone, in the unit of the output
     returns      kinds diagnosis-record, -residual-time (per record), -speed, -torque, -order,

@@ -28,7 +28,7 @@ def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck)
     """
     if not check.output.endswith("speed"):
         return []
-    inertia = rigid_inertia(drive)
+    inertia = drive.referred_inertia
     for e in run.stretches(run.measured[:, 0] - run.simulated[:, 0]):
         good = np.isfinite(e)
         t, e = np.arange(len(e))[good] * experiment.step, e[good]
@@ -77,15 +77,6 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
         f"model explains about {middle:.0f} % of it, {low:.0f} % at worst; this one explains {fit:.0f} %.",
         {"simulation_fit_percent": fit, "attainable_fit_median": middle, "attainable_fit_low": low},
         "Judge by the residual, or by shorter free runs: --segment 1.")]
-
-
-def rigid_inertia(drive: Drive) -> float:
-    """All inertias as the motor feels them."""
-    total, ratio = drive.values[f"{drive.bodies[0]}.inertia"], 1.0
-    for body, shaft in zip(drive.bodies[1:], drive.shafts, strict=True):
-        ratio *= drive.value(f"{shaft}.ratio") or 1.0
-        total += drive.values[f"{body}.inertia"] / ratio**2
-    return total
 
 
 def _chance(run: Replay, inertia: float, n: int, time: float) -> float:

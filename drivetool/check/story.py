@@ -14,7 +14,6 @@ from drivetool.check.causes import of_cause
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
 from drivetool.check.exhibits import exhibits_of, view_of
-from drivetool.check.freerun import rigid_inertia
 from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hum import hum
 from drivetool.check.hypothesis import TRIFLE, Tried, values_of
@@ -222,6 +221,6 @@ def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
             views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
         except DriveToolError:
             continue
-    return exhibits_of(views, rigid_inertia(before), search.rounds, gain.noise_floor) if views else ()
+    return exhibits_of(views, before.referred_inertia, search.rounds, gain.noise_floor) if views else ()
 
 

@@ -83,6 +83,16 @@ class Drive:
         ratios = [self.value(f"{shaft}.ratio") for shaft in self.shafts]
         return list(accumulate([1.0, *ratios], mul))
 
+    def inertias(self) -> list[float]:
+        """(n,) what the torques of each body accelerate: its inertia and the mass it carries; unknown is zero."""
+        return [(self.value(f"{b}.inertia") or 0.0)
+                + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
+
+    @property
+    def referred_inertia(self) -> float:
+        """Inertia of all bodies referred to the motor: behind a gear that turns n times slower it counts 1/n^2."""
+        return float(sum(j / n**2 for j, n in zip(self.inertias(), self.turns(), strict=True)))
+
     def felt(self, suffix: str, bodies: Iterable[str] | None = None) -> float:
         """Sum of a friction parameter over the bodies as it is felt at the motor; unknown ones count nothing."""
         names = (f"{b}.{suffix}" for b in (self.bodies if bodies is None else bodies))
@@ -95,10 +105,9 @@ class Drive:
 
     def parts(self, total: str, whole: float) -> dict[str, float]:
         """The bodies' own parameters when a sum is shared out by rule."""
-        masses = [(self.value(f"{b}.inertia") or 0.0)
-                  + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
-        names = [f"{b}.{TOTALS[total]}" for b in self.bodies]
-        return {n: whole * s for n, s in zip(names, shares(TOTALS[total], masses, self.turns()), strict=True)}
+        names, each = [f"{b}.{TOTALS[total]}" for b in self.bodies], shares(
+            TOTALS[total], self.inertias(), self.turns())
+        return {n: whole * s for n, s in zip(names, each, strict=True)}
 
     def told(self, name: str) -> float | None:
         """The value, that of a body's part by rule where only the sum is known, the neutral value, or None."""

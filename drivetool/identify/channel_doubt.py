@@ -60,7 +60,7 @@ def _of_record(start: Task) -> float | None:
     """
     found = totals(start)
     value, std = found["inertia"] if found else (0.0, np.inf)
-    given = sum(start.drive.value(f"{b}.inertia") or 0.0 for b in start.drive.bodies)
+    given = start.drive.referred_inertia
     if given <= 0.0 or (value < 0.0 and value * FAR > -given):
         return None
     return value / given if std < (KNOWN * value if value > 0.0 else -SURE * value) else None

@@ -28,10 +28,8 @@ TINY = 1e-6  # relative step of a difference
 
 def load_share(drive: Drive) -> float:
     """Inertia of everything behind the motor over the motor's own, as it is felt at the motor."""
-    masses = [drive.values[f"{b}.inertia"] + drive.value(f"{b}.carried_mass") * drive.value(f"{b}.radius") ** 2
-              for b in drive.bodies]
-    felt = [mass / n**2 for mass, n in zip(masses, drive.turns(), strict=True)]
-    return float(sum(felt[1:]) / felt[0])
+    referred = [inertia / n**2 for inertia, n in zip(drive.inertias(), drive.turns(), strict=True)]
+    return float(sum(referred[1:]) / referred[0])
 
 
 def is_light(drive: Drive, roles: Roles) -> bool:

@@ -24,18 +24,20 @@ TOTALS = ("inertia", "viscous", "coulomb", "idle_torque")
 def balanced(task: Task) -> Task:
     """The task with its free inertias and frictions scaled so that their sums agree with the record.
 
-    Held values stay. Where the record does not tell a sum, or torques other than the motor's act,
-    nothing changes.
+    Held values and carried masses stay. Where the record does not tell a sum, or torques other than the motor's
+    act, nothing changes.
     """
     found = totals(task)
     if found is None:
         return task
     new: dict[str, float] = {}
+    carried = sum(task.drive.inertias()) - sum(task.drive.value(f"{b}.inertia") or 0.0 for b in task.drive.bodies)
     for suffix, (value, std) in found.items():
         names = [n for n in task.drive.quantities if n.endswith(f".{suffix}")
                  and (n in task.drive.values or n in task.free)]
         free = [n for n in names if n in task.free]
         rest = value - sum(task.drive.value(n) or 0.0 for n in names if n not in free)
+        rest -= carried if suffix == "inertia" else 0.0
         if not free or rest <= 0.0 or not std < KNOWN * value:
             continue
         now = sum(task.drive.value(n) or 0.0 for n in free)
@@ -69,7 +71,7 @@ def totals(task: Task) -> dict[str, tuple[float, float]] | None:
 def slowest_resonance(task: Task) -> float:
     """Lowest natural frequency of the chain with closed gaps [Hz]."""
     drive = task.drive
-    inertia = np.array([drive.value(f"{b}.inertia") for b in drive.bodies])
+    inertia = np.array(drive.inertias())
     stiffness = np.zeros((len(inertia), len(inertia)))
     for k, shaft in enumerate(drive.shafts):
         both = np.array([1.0, -1.0])

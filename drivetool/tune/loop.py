@@ -229,15 +229,6 @@ def converter(drive: Drive) -> tuple[float, float, int, float]:
     return (np.inf if w is None else w), zeta, int(order), late or 0.0
 
 
-def reflected_inertia(drive: Drive) -> float:
-    """All inertias as the first motor feels them."""
-    total, ratio = drive.values[f"{drive.bodies[0]}.inertia"], 1.0
-    for body, shaft in zip(drive.bodies[1:], drive.shafts, strict=True):
-        ratio *= drive.value(f"{shaft}.ratio")
-        total += drive.values[f"{body}.inertia"] / ratio**2
-    return total
-
-
 def path_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
     """(n,) response from command to torque, the dead time exact, and of the speed filter."""
     w, zeta, order, late = converter(drive)

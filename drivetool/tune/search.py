@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from drivetool.errors import BadParameters
 from drivetool.tune.criteria import Criterion, values
-from drivetool.tune.loop import Loop, Settings, converter, reflected_inertia
+from drivetool.tune.loop import Loop, Settings, converter
 from drivetool.tune.sensitivity import Plant, forbidden, max_sensitivity, plant, refined, speeds_of
 
 TIMES, SECONDS, POSITIONS = 56, 14, 11  # grid: integral times, K of a second controller, gains
@@ -63,7 +63,7 @@ class Task:
     def gains(self) -> tuple[float, float]:
         """Gains that are looked at: a crossover from far below the resonance to far above the lags."""
         slow, fast = speeds_of(self.loop.drive, self.loop.wiring)
-        total = reflected_inertia(self.loop.drive)
+        total = self.loop.drive.referred_inertia
         return 1e-3 * slow * total, min(1e3 * fast * total, self.limits.gain)
 
     @cached_property

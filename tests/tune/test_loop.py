@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import brentq
 
-from drivetool.drive.chain import Drive, one_body, two_mass
+from drivetool.drive.chain import Drive, one_body, two_mass, vehicle
 from drivetool.errors import BadOption, BadParameters
 from drivetool.tune.criteria import criterion, signals, value, values
 from drivetool.tune.factors import factors
@@ -244,6 +244,16 @@ def test_a_drive_without_damping_or_friction():
     found = optimum(work)
     assert max_sensitivity(work.plant, found.settings)[0] <= 2.0 + 1e-6
     assert margins(work.plant, found.settings).gain_margin > 1.5
+
+
+def test_gains_that_are_looked_at_know_of_a_carried_mass():
+    """The same bus, its mass carried by the wheels at their radius or said as their inertia."""
+    bus = vehicle().with_values({
+        "motor.inertia": 4.5, "wheels.inertia": 22.1, "wheels.carried_mass": 12350.0, "wheels.radius": 0.45,
+        "shaft.ratio": 8.79, "shaft.stiffness": 1.52e6, "shaft.damping": 3600.0, "converter.bandwidth": 433.0})
+    same = bus.with_values({"wheels.inertia": 22.1 + 12350.0 * 0.45**2, "wheels.carried_mass": 0.0})
+    ranges = [task(build(drive, Wiring()), criterion("IAE"), Limits()).gains for drive in (bus, same)]
+    assert ranges[0] == pytest.approx(ranges[1], rel=1e-9)
 
 
 def test_lowest_sensitivity_is_the_border_of_the_feasible():
