@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from drivetool.check.correlation import ALARM
 from drivetool.check.replay import Replay, simulated
 from drivetool.check.validation import RecordCheck
 from drivetool.drive.chain import Drive
-from drivetool.drive.simulate import Trace
 from drivetool.errors import Finding
 from drivetool.identify.compose import fit_percent
-from drivetool.identify.noise import Noise
+from drivetool.identify.noise import with_torque_noise
 from drivetool.logs.experiment import Experiment
 
 DRAWS = 20  # runs with other torque noise
@@ -58,14 +56,14 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
 
     limit  of the correlation of residual and input
     """
-    torque = run.noise.ratio * run.sigma
     doubtful = check.correlation_p < ALARM or check.max_correlation > limit
-    if doubtful or not run.known or not torque > 0.0 or not check.simulation_fit_percent < 95.0:
+    noisy = run.known and run.noise.ratio * run.sigma > 0.0
+    if doubtful or not noisy or not check.simulation_fit_percent < 95.0:
         return []
     rng, fits = np.random.default_rng(seed), []
     clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
     for _ in range(DRAWS):
-        traces = tuple(_disturbed(t, torque, run.noise, rng) for t in run.problem.traces)
+        traces = tuple(with_torque_noise(t, run.noise, run.sigma, rng) for t in run.problem.traces)
         other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
         fits.append(fit_percent(other + rng.normal(0.0, run.sigma, len(other)), clean))
     low, middle, fit = float(np.min(fits)), float(np.median(fits)), check.simulation_fit_percent
@@ -89,15 +87,3 @@ def _chance(run: Replay, inertia: float, n: int, time: float) -> float:
     slow = np.sqrt((1.0 + memory) / (1.0 - memory)) if run.noise.slow is None else run.noise.slow
     wander = run.noise.ratio * run.sigma * np.sqrt(1.2 / n) * slow
     return float(np.hypot(wander, run.sigma * inertia * np.sqrt(12.0 / n) / time))
-
-
-def _disturbed(trace: Trace, torque: float, noise: Noise, rng: np.random.Generator) -> Trace:
-    """The trace with torque noise on its first input."""
-    w, memory = rng.normal(0.0, torque, trace.size), noise.memory
-    if noise.slow is not None:
-        w = w + lfilter([0.0, (noise.slow - 1.0) * (1.0 - memory)], [1.0, -memory], w)
-    elif memory is not None:
-        w = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], w)
-    inputs = trace.inputs.copy()
-    inputs[:, 0] += w
-    return replace(trace, inputs=inputs)

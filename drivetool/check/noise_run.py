@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from drivetool.check.forecast import blocks_under_test, turned
 from drivetool.check.heldout import Fold
 from drivetool.check.model import Model, sensor_std
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.identify.engine import free_run
-from drivetool.identify.noise import Noise
+from drivetool.identify.noise import Noise, with_torque_noise
 
 DRAWS = 4  # records made of every block
 
@@ -49,23 +48,6 @@ def _made(plant: Plant, trace: Trace, start: np.ndarray, noise: Noise, std: floa
 
     std  of the first sensor's noise
     """
-    inputs = trace.inputs.copy()
-    inputs[:, 0] += torque_noise(noise, std, rng.standard_normal(len(inputs)))
-    outputs = plant.outputs(replace(trace, inputs=inputs), start)
+    outputs = plant.outputs(with_torque_noise(trace, noise, std, rng), start)
     outputs += std * noise.scale * rng.standard_normal(outputs.shape)
     return replace(trace, outputs=np.where(np.isfinite(trace.outputs), outputs, np.nan))
-
-
-def torque_noise(noise: Noise, std: float, white: np.ndarray) -> np.ndarray:
-    """(n,) torque noise of a model from white noise (n,) of variance one.
-
-    std  of the first sensor's noise
-    """
-    size, memory = noise.ratio * std, noise.memory
-    if memory is None:
-        return size * white
-    if noise.slow is None:
-        begun = memory * white[:1]  # it did not begin with the record
-        rest, _ = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white[1:], zi=begun)
-        return size * np.concatenate((white[:1], rest))
-    return size * lfilter([1.0, -memory - (1.0 - noise.slow) * (1.0 - memory)], [1.0, -memory], white)

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from drivetool.check.model import BROKEN, Masks, Model, everything, fit, sensor_std, spread
 from drivetool.check.preflight import COARSE
 from drivetool.check.resolution import resolution
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import filtered, with_state
+from drivetool.identify.noise import filtered, with_state, with_torque_noise
 from drivetool.identify.problem import Normal, Problem
 
 LAGS = 20
@@ -105,12 +104,7 @@ def _logged_again(model: Model, steps: np.ndarray) -> Problem:
     traces = []
     for trace, start, plant in zip(problem.traces, model.point.starts, problem.plants(model.point.values, False),
                                    strict=True):
-        torque = noise.ratio * first * rng.standard_normal(trace.size)
-        if noise.memory is not None and noise.slow is None:
-            torque = lfilter([np.sqrt(1.0 - noise.memory**2)], [1.0, -noise.memory], torque)
-        inputs = trace.inputs.copy()
-        inputs[:, 0] += torque
-        clean = plant.outputs(replace(trace, inputs=inputs), start)
+        clean = plant.outputs(with_torque_noise(trace, noise, first, rng), start)
         clean += sensors * rng.standard_normal(clean.shape)
         rounded = np.where(steps > 0.0, np.round(clean / np.where(steps > 0.0, steps, 1.0)) * steps, clean)
         outputs = np.where(np.isfinite(trace.outputs), rounded, np.nan)

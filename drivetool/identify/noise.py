@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.identify.noise_scoring import Heard, heard, scored
@@ -86,6 +87,29 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
                 covariance[-1, -1] = white * kick[-1] ** 2 / (1.0 - noise.memory**2)
         passes.append(_told(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep, kick), t))
     return passes
+
+
+def with_torque_noise(trace: Trace, noise: Noise, sensor_std: float, rng: np.random.Generator) -> Trace:
+    """The trace with torque noise on its first input, each sample's held as `filtered` has it.
+
+    The noise was there before the record: it begins as it goes on, with the variance of the steady state. It enters
+    with the command, through the converter, where the filter lets what has a memory act behind it: the two differ
+    above the bandwidth only.
+
+    sensor_std  of the first sensor
+    """
+    white, m = rng.standard_normal(trace.size), noise.memory
+    if m is None:
+        drawn = white
+    elif noise.slow is None:  # d[k+1] = m d[k] + sqrt(1 - m^2) w[k], of variance one
+        drawn, _ = lfilter([np.sqrt(1.0 - m**2)], [1.0, -m], white, zi=[m * rng.standard_normal()])
+    else:  # w[k] + z[k]; the root is the std of z in the steady state
+        loss = 1.0 - noise.slow
+        begun = loss * np.sqrt((1.0 - m) / (1.0 + m)) * rng.standard_normal()
+        drawn, _ = lfilter([1.0, -m - loss * (1.0 - m)], [1.0, -m], white, zi=[begun])
+    inputs = trace.inputs.copy()
+    inputs[:, 0] += noise.ratio * sensor_std * drawn
+    return replace(trace, inputs=inputs)
 
 
 def _told(found: Filtered, trace: Trace) -> Filtered:

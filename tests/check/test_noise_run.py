@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from drivetool.check.heldout import folds_of
 from drivetool.check.model import from_start
-from drivetool.check.noise_run import error_by_noise, torque_noise
+from drivetool.check.noise_run import error_by_noise
 from drivetool.check.samples import samples_of
 from drivetool.drive.chain import one_body
-from drivetool.identify.noise import Noise
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import STEP, experiment
 
-SIZE, MANY = 12_000, 400_000
+SIZE = 12_000
 INERTIA, TORQUE, SENSOR = 2.0, 30.0, 0.05  # kg m^2, Nm, rad/s
 
 
@@ -37,20 +35,3 @@ def test_a_run_goes_astray_as_a_random_walk_does():
     # Thirty-two walks say their rms to about a seventh, the noise that was estimated is within some per cent.
     np.testing.assert_allclose(made, np.hypot(walk, SENSOR), rtol=0.25)
     assert walk > 4.0 * SENSOR
-
-
-@pytest.mark.parametrize(("memory", "slow"), [(None, None), (0.9, None), (0.9, 0.3)])
-def test_noise_is_drawn_as_the_filter_has_it(memory, slow):
-    """White; d' = m d + w, of variance r^2; w less what is slower than the memory, of which a share is left."""
-    noise = Noise(3.0, memory, np.ones(1), slow=slow)
-    drawn = torque_noise(noise, 0.5, np.random.default_rng(1).standard_normal(MANY))
-    beside = float(np.mean(drawn[1:] * drawn[:-1]) / np.mean(drawn**2))
-    sums = drawn.reshape(-1, 1000).sum(axis=1)
-    slowly = float(np.std(sums) / np.sqrt(1000.0))
-    a = memory or 0.0
-    if slow is None:
-        np.testing.assert_allclose(np.std(drawn), 1.5, rtol=0.02)
-        np.testing.assert_allclose(beside, a, atol=0.02)
-        np.testing.assert_allclose(slowly, 1.5 * np.sqrt((1.0 + a) / (1.0 - a)), rtol=0.12)
-    else:
-        np.testing.assert_allclose(slowly, 1.5 * slow, rtol=0.12)

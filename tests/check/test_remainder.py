@@ -42,6 +42,17 @@ def test_records_made_up_by_a_model_have_the_noise_that_it_was_fitted_with(seed)
     assert std[1] == pytest.approx(std[0], rel=0.1)
 
 
+@pytest.mark.parametrize(("memory", "slow"), [(0.9, None), (0.9, 0.1)])
+def test_made_up_records_have_torque_noise_with_a_memory(memory, slow):
+    """Normalised by the filter of the same noise, their errors have the sensor's variance, and no more."""
+    model, ratio = one_sensor(2)
+    model = replace(model, noise=replace(model.noise, ratio=10.0 * ratio, memory=memory, slow=slow))
+    made = _logged_again(model, np.zeros(1))
+    masks = everything(made)
+    std = [np.sqrt(spread(filtered(p, model.point, model.noise, keep=False), masks)) for p in (model.problem, made)]
+    assert std[1] == pytest.approx(std[0], rel=0.05)
+
+
 @pytest.mark.parametrize(("seed", "share"), [(2, 0.02), (7, 0.05)])
 def test_rounding_alone_leaves_nothing_and_a_wrong_model_something(seed, share):
     """Steps coarse enough to repeat, yet not so coarse that the torque noise takes them for itself."""
