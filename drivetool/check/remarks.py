@@ -54,6 +54,12 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
             f"{options.min_fit:g} % were asked for.",
             {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
             "Look at the pictures (--plot), then run diagnose."))
+    if options.min_fit is None and check.simulation_fit_percent < 0.0:
+        found.append(Finding(
+            "failure", "explains-nothing",
+            f"A free run explains less of {where} than a constant does (fit {check.simulation_fit_percent:.4g} %).",
+            {"simulation_fit_percent": check.simulation_fit_percent},
+            "Run diagnose, or validate on a record with more motion or by shorter free runs: --segment 1."))
     if correlation is None:
         return [*found, Finding(
             "note", "residual-not-testable",

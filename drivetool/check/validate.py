@@ -94,8 +94,8 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
 
 
 def _fits(fit: float, options: ValidateOptions) -> bool:
-    """Whether the fit meets its bar; a fit that is no number does not."""
-    return options.min_fit is None or fit >= options.min_fit
+    """Whether the fit meets its bar; a fit that is no number does not, where one was asked for."""
+    return not fit < 0.0 if options.min_fit is None else fit >= options.min_fit
 
 
 def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,

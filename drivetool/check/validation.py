@@ -13,7 +13,7 @@ from drivetool.identify.estimate import Exhibit
 class ValidateOptions:
     """Bars and ways of a validation.
 
-    min_fit          least simulation fit [%], None: no bar
+    min_fit          least simulation fit [%]; None: what a constant explains, which is nothing
     max_correlation  largest |cross-correlation| of residual and input that is let pass
     segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
     seed             of the draws behind p-values and the fit that noise leaves possible

@@ -88,7 +88,8 @@ Strict = Annotated[bool, _option("--strict", help="Warnings count as failures (e
 Debug = Annotated[bool, _option("--debug", help="Show the traceback of an error.")]
 Quiet = Annotated[bool, _option("--quiet", "-q", help="Nothing on standard error but errors.")]
 MinFit = Annotated[float | None, _option(
-    "--min-fit", metavar="PERCENT", max=100.0, help="Least simulation fit; missed: exit code 3.")]
+    "--min-fit", metavar="PERCENT", max=100.0,
+    help="Least simulation fit, else that of a constant; missed: exit code 3.")]
 MaxCorrelation = Annotated[float, _option(
     "--max-correlation", metavar="R", min=0.0, max=1.0,
     help="Largest cross-correlation of residual and input; missed: exit code 3.")]

@@ -41,6 +41,11 @@ CODES = {
         "The quantisation of an encoder makes up at least a tenth of the noise variance of an angle. The motion "
         "covers many steps between samples, so it acts as white noise.",
         "Use a finer encoder if smaller effects matter."),
+    "explains-nothing": Code(
+        FAILURE,
+        "The simulation of the whole record fits worse than the mean of the measured signal does. The model is wrong, "
+        "or noise has led a long free run away from the record.",
+        "Run `diagnose`, or validate by shorter free runs with `--segment`."),
     "fit-below-minimum": Code(
         FAILURE,
         "The fit of the simulated output is below the limit `--min-fit`.",

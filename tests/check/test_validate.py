@@ -150,6 +150,21 @@ def test_drift_of_a_body_that_carries_a_mass():
     assert drift.evidence["torque"] == pytest.approx(500.0 / 8.79, rel=0.02)
 
 
+@pytest.mark.parametrize("min_fit", [None, -200.0, -100.0])
+def test_a_model_that_explains_less_than_a_constant_fails_unless_that_is_asked_for(min_fit):
+    """A wrong idle torque of the bus, which the test of the residual takes for torque noise."""
+    found = judged("bus", "prbs1", {}, ValidateOptions(min_fit), wheels__idle_torque=589.0 / 1089.0)
+    check, = found.checks
+    assert check.simulation_fit_percent == pytest.approx(-172.6, abs=0.1)
+    assert check.passed == (min_fit == -200.0) == found.verdict.startswith("Passed")
+    failures = [f for f in found.findings if f.severity == "failure"]
+    assert [f.code for f in failures] == {None: ["explains-nothing"], -200.0: [], -100.0: ["fit-below-minimum"]}[
+        min_fit]
+    if min_fit is None:
+        assert "less of the motor speed in prbs1" in failures[0].text and "-172.6 %" in failures[0].text
+        assert found.verdict.startswith("Not passed: the simulation explains nothing (fit -172.6 %)")
+
+
 def test_noise_across_a_gap_limits_the_free_run():
     found = judged("rig", "gap_holdout", options=ValidateOptions(90.0))
     assert codes(found) == {"fit-below-minimum", "noise-limits-the-free-run"}
@@ -239,8 +254,10 @@ def test_records_the_fit_has_seen_and_ranges_it_has_not():
 
 
 def test_a_torque_that_never_changes_cannot_be_tested():
-    _, drive, torque, run, noise = linear(9)
-    still = experiment(np.full_like(torque, torque[0]), motor_speed=noisy(run.speeds[:, 0], 1))
+    machine, drive, torque, _, noise = linear(9)
+    torque = np.full_like(torque, torque[0])
+    run = simulate_linear(machine, torque, STEP, running(machine, 10.0))
+    still = experiment(torque, motor_speed=noisy(run.speeds[:, 0], 1))
     found = validate([still], [("m", drive, noise)], ValidateOptions())
     assert "residual-not-testable" in codes(found) and found.checks[0].passed
     assert np.isnan(found.checks[0].correlation_p) and "nothing in what is left" not in found.verdict
@@ -268,6 +285,8 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     part = {"data": [{"file": "x", "sha256": sha}], "options": {"condition": ["keep to=4", "omit from=1 to=2"]}}
     Path("part.yaml").write_text(yaml.safe_dump(file | part))
     Path("bad.yaml").write_text(yaml.safe_dump(file | {"parameters": values | {"motor.inertia": 0.7}}))
+    idle = {"parameters": values | {"load.idle_torque": 60.0, "load.inertia": 0.5}}
+    Path("idle.yaml").write_text(yaml.safe_dump(file | idle))
 
     def call(*words):
         with pytest.raises(SystemExit) as left:
@@ -280,6 +299,9 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
     assert code == 0 and file["passed"] and "Passed" in talk and file["options"]["segment"] == 2.0
     assert sorted(p.name for p in Path("p").iterdir()) == [
         "validate-steps_holdout-correlation.png", "validate-steps_holdout-record.png"]
+    code, told, talk = call("-p", "idle.yaml", "--max-correlation", "1")
+    assert code == 3 and not told["passed"] and "failure" in talk and "less of the motor speed" in talk
+    assert call("-p", "idle.yaml", "--max-correlation", "1", "--min-fit", "-100")[0] == 0
     for bar in (("--min-fit", "99.99"), ("--max-correlation", "0.001")):
         code, file, talk = call("-p", "good.yaml", *bar)
         assert code == 3 and not file["passed"] and "Not passed" in file["verdict"] and "failure" in talk
