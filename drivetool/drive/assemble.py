@@ -15,7 +15,6 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive, shares
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects.ripple import RIPPLES
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
@@ -164,8 +163,8 @@ class Assembly:
 
     def _turns(self) -> bool:
         """Whether a torque depends on the angle."""
-        return any(self._acts(f"{body}.{kind}_{part}") for body in self.drive.bodies
-                   for kind in (*RIPPLES, "imbalance") for part in ("sine", "cosine"))
+        return any(effect.over_angle and self._acts(f"{owner}.{suffix}")
+                   for effect, owner, _ in self.drive.effects() for suffix in effect.present)
 
     def speed(self, body: int) -> int:
         """Column of a body's speed."""

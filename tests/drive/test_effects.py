@@ -2,14 +2,16 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from drivetool.drive import chain
 from drivetool.drive.chain import three_mass, two_mass
-from drivetool.drive.effects import EFFECTS
+from drivetool.drive.effects import EFFECTS, imbalance
 from drivetool.drive.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
 
@@ -105,6 +107,35 @@ def test_an_effect_that_is_present_acts(effect):
         now, choice = drive.value(name), drive.quantity(name).choice
         other = replace(drive, values=drive.values | {name: next((v for v in choice if v != now), 1.5 * now)})
         assert np.abs(run(other, reversals()) - run(drive, reversals())).max() > 1e-6, name
+
+
+def same_without_an_angle(drive):
+    """Whether the motor's speed is the same whatever else is measured."""
+    alone, beside = (run(drive, reversals(), outputs=outputs)[:, 0] for outputs in (OUTPUTS[:1], OUTPUTS))
+    np.testing.assert_allclose(alone, beside, rtol=0.0, atol=1e-9)
+
+
+@EACH
+def test_an_effect_acts_where_the_speed_alone_is_measured(effect):
+    """The usual record. A law over an angle that does not say so works only beside an encoder."""
+    same_without_an_angle(base(**{"load.idle_torque": 3.0, **SMOOTH.get(effect.code, {})}))
+
+
+def test_a_further_law_over_an_angle_needs_its_declaration_only(monkeypatch):
+    def stamp(assembly, body):
+        if assembly.acts(body, "cogging"):
+            assembly.law("ripple", [assembly.of_body(body, "cogging"), *map(assembly.number, (0.0, 12.0))],
+                         assembly.angle_of(body), body=body)
+
+    force = replace(imbalance.EFFECT.quantities["imbalance_sine"], meaning="cogging torque")
+    cogging = replace(imbalance.EFFECT, code="cogging", quantities={"cogging": force}, present=("cogging",),
+                      stamp=stamp)
+    monkeypatch.setattr(chain, "EFFECTS", (*EFFECTS, cogging))
+    for function in (chain._effects, chain._quantities):  # they remember the catalogue as it was
+        monkeypatch.setattr(chain, function.__name__, cache(function.__wrapped__))
+    drive = base(**{"load.cogging": 3.0})
+    same_without_an_angle(drive)
+    assert np.abs(run(drive, reversals()) - run(base(), reversals())).max() > 1e-6
 
 
 @pytest.mark.parametrize("code", [e.code for e in EFFECTS if e.of == "body" and e.code in SMOOTH])

@@ -24,4 +24,5 @@ EFFECT = Effect(
     source="Genta 2005, Dynamics of Rotating Systems",
     present=("imbalance_sine", "imbalance_cosine"),
     odd=False,
+    over_angle=True,
 )

@@ -42,4 +42,5 @@ EFFECT = Effect(
     source="Jahns, Soong 1996, IEEE Trans. Ind. Electron. 43(2)",
     present=tuple(f"{ripple}_{part}" for ripple in RIPPLES for part in ("sine", "cosine")),
     odd=False,
+    over_angle=True,
 )
