@@ -11,9 +11,10 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Law, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
+from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.machine_code import address
 from drivetool.drive.simulate import Plant
-from drivetool.drive.system import LAW_NAMES, MADE_FOR, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
+from drivetool.drive.system import MADE_FOR, MOST_LAWS, MOST_STATES, PARAMETERS, Laws, System
 
 CHAIN = 3  # states per law
 SHORTEST = 1e-3  # part of a sample: over none at all a parabola is not to be had
@@ -103,7 +104,7 @@ def _laws(assembly: Assembly, s: System, first: int) -> Laws:
         if law.slides:
             friction[m] = frictions.index(law.body)
     turns = arguments[..., 1:].any(axis=(1, 2, 3)).astype(np.int64)
-    code = np.array([LAW_NAMES.index(law.name) for law in assembly.laws], np.int64)
+    code = np.array([list(LAW_TORQUES).index(law.name) for law in assembly.laws], np.int64)
     ns = s.ns
     sized = f"_{first}_{nl}" if s.nu == 1 and first <= MOST_STATES and nl <= MOST_LAWS else ""
     shown = bool(s.outputs[:, first:, 0].any())

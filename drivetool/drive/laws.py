@@ -2,47 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, LAW, unit
-from drivetool.drive.effects import (
-    asymmetry,
-    drag,
-    drift,
-    hardening,
-    load_damping,
-    load_step,
-    ripple,
-    stribeck,
-)
+from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.views import REAL, REALS, WHOLE
 
-_STRIBECK, _ASYMMETRY, _DRAG, _DRIFT, _RIPPLE, _STEP, _HARDENING, _DAMPING = (
-    LAW(effect.torque) for effect in (
-        stribeck, asymmetry, drag, drift, ripple, load_step, hardening, load_damping))
+
+@njit(**HOT)
+def _no_law(code, a, b, time, side, p, out):
+    """A number that is of no law must not pass for one."""
+    for j in range(out.size):
+        out[j] = np.nan
+
+
+def _branch(number: int, law: Callable, others: Callable) -> Callable:
+    """The law if the code is its number, else one of the others."""
+    @njit(**HOT)
+    def choose(code, a, b, time, side, p, out):
+        if code == number:
+            law(a, b, time, side, p, out)
+        else:
+            others(code, a, b, time, side, p, out)
+
+    return choose
+
+
+_chosen = _no_law
+for _number, _torque in reversed(tuple(enumerate(LAW_TORQUES.values()))):
+    _chosen = _branch(_number, LAW(_torque), _chosen)
 
 
 @unit(WHOLE, REAL, REAL, REAL, REAL, REALS[2], REALS[1])
 def law_torque(code, a, b, time, side, p, out):
-    """out = torque, code after LAW_NAMES, its derivatives over the arguments a and b, and over the parameters."""
+    """out = torque of a law of LAW_TORQUES, its derivatives over the arguments a and b, and over the parameters."""
     for j in range(out.size):
         out[j] = 0.0
-    if code == 0:
-        _STRIBECK(a, b, time, side, p, out)
-    elif code == 1:
-        _ASYMMETRY(a, b, time, side, p, out)
-    elif code == 2:
-        _DRAG(a, b, time, side, p, out)
-    elif code == 3:
-        _DRIFT(a, b, time, side, p, out)
-    elif code == 4:
-        _RIPPLE(a, b, time, side, p, out)
-    elif code == 5:
-        _STEP(a, b, time, side, p, out)
-    elif code == 6:
-        _HARDENING(a, b, time, side, p, out)
-    else:
-        _DAMPING(a, b, time, side, p, out)
+    _chosen(code, a, b, time, side, p, out)
 
 
 @njit(**HOT)

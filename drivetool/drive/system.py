@@ -18,8 +18,6 @@ from drivetool.drive.table import Float1, Float2, Float3, Float4, Int1, Int2
 ORDER = 11  # of the power series between events; rate * time <= 1/2, so the rest is below 1e-12
 CAPACITY = 256  # modes kept; a chain has 3^(gaps + frictions), of which a record visits a few
 PARAMETERS = 4  # of a smooth law, at most
-# The smooth laws by number.
-LAW_NAMES = ("stribeck", "asymmetry", "drag", "drift", "ripple", "load-step", "hardening", "load-damping")
 WIDE, NARROW = 8, 4  # columns that are carried from sample to sample at a time, and what may be left of them
 MADE_FOR = range(3, 8)  # numbers of states for which, with one input, there is code made for just so many
 MOST_STATES, MOST_LAWS = 7, 4  # the same with smooth laws
@@ -81,7 +79,7 @@ class Laws(NamedTuple):
     they are value, slope and bend; where a whole part of a sample is stepped over, the torques at its start,
     its middle and its end, and the columns of leap, mid and watch are over these.
 
-    code        (nl,)                    which law
+    code        (nl,)                    which law of LAW_TORQUES
     arguments   (nl, 2, nx, 1 + nq)      its two arguments over the state
     parameters  (nl, PARAMETERS, 1 + nq)
     gap         (nl,)                    gap whose contact it belongs to, or -1

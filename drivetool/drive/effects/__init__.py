@@ -1,5 +1,7 @@
 """The catalogue: every effect, in the order in which they are stamped."""
 
+from collections.abc import Callable, Mapping
+
 from drivetool.drive.effects import (
     asymmetry,
     backlash,
@@ -49,4 +51,17 @@ EFFECTS: tuple[Effect, ...] = (
     speed_filter.EFFECT,
 )
 
-__all__ = ["EFFECTS", "Effect"]
+# The smooth laws by the names under which they are stamped; the kernel knows them by their place. Each gives its
+# torque, the derivatives over both its arguments, and those over its parameters.
+LAW_TORQUES: Mapping[str, Callable] = {
+    "stribeck": stribeck.torque,
+    "asymmetry": asymmetry.torque,
+    "drag": drag.torque,
+    "drift": drift.torque,
+    "ripple": ripple.torque,
+    "load-step": load_step.torque,
+    "hardening": hardening.torque,
+    "load-damping": load_damping.torque,
+}
+
+__all__ = ["EFFECTS", "LAW_TORQUES", "Effect"]

@@ -1,0 +1,64 @@
+"""The contract of the smooth laws: every name of the table reaches its own law."""
+
+import importlib
+import pkgutil
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numba import njit
+
+from drivetool.drive import chain, effects
+from drivetool.drive.effects import LAW_TORQUES, drag
+from drivetool.drive.laws import law_torque
+from drivetool.drive.machine_code import address
+from drivetool.drive.system import PARAMETERS
+from tests.drive.test_effects import OUTPUTS, base
+from tests.drive.test_kernel import plant_of
+
+POINT = 0.3, -0.7, 0.6, 1.0  # both arguments, time, side of the contact
+
+
+@njit
+def _called(place, code, a, b, time, side, p, out):
+    law_torque(place, code, a, b, time, side, p, out)
+
+
+def result(torque):
+    """(3 + PARAMETERS,) what a law gives; torque: its function, or a number that the kernel knows."""
+    parameters, out = np.array([[0.7], [1.3], [2.0], [0.4]]), np.zeros(3 + PARAMETERS)
+    if callable(torque):
+        torque(*POINT, parameters, out)
+    else:
+        _called(address("law_torque"), torque, *POINT, parameters, out)
+    return out
+
+
+def test_every_name_reaches_its_own_law():
+    given = {name: result(number) for number, name in enumerate(LAW_TORQUES)}
+    for name, torque in LAW_TORQUES.items():
+        np.testing.assert_allclose(given[name], result(torque), rtol=1e-13, atol=0.0, err_msg=name)
+    for one, other in combinations(given, 2):
+        assert np.abs(given[one] - given[other]).max() > 1e-3, (one, other)
+
+
+@pytest.mark.parametrize("number", [-1, len(LAW_TORQUES), 100])
+def test_a_number_of_no_law_gives_no_torque(number):
+    assert np.isnan(result(number)).all()
+
+
+def test_every_law_of_an_effect_is_in_the_table():
+    files = [importlib.import_module(f"{effects.__name__}.{found.name}")
+             for found in pkgutil.iter_modules(effects.__path__)]
+    assert {file.torque for file in files if hasattr(file, "torque")} == set(LAW_TORQUES.values())
+
+
+def test_a_law_that_is_not_in_the_table_cannot_be_assembled(monkeypatch):
+    def stamp(assembly, body):
+        assembly.law("unheard-of", [assembly.number(1.0)], {body: assembly.number(1.0)}, body=body)
+
+    other = [(replace(e, stamp=stamp) if e is drag.EFFECT else e, owner, k) for e, owner, k in base().effects()]
+    monkeypatch.setattr(chain, "_effects", lambda *_: tuple(other))
+    with pytest.raises(ValueError, match="unheard-of"):
+        plant_of(base(), OUTPUTS)
