@@ -10,25 +10,13 @@ import sys
 from pathlib import Path
 
 from llvmlite import binding as llvm
-from numba.core import codegen
 
 from drivetool.drive.machine_code import symbol
+from drivetool.drive.numba_private import leave_to_the_end
 
 # What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
 # there need be no Numba: to get there is to stop.
 FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]*$", re.MULTILINE)
-
-
-def leave_to_the_end() -> None:
-    """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
-
-    It is done once for a whole part, below. Nothing that is compiled here runs in this process.
-    """
-    codegen.CPUCodeLibrary._optimize_final_module = lambda library: None
-    codegen.JITCodeLibrary._finalize_specific = lambda library: None
-    codegen.JITCodeLibrary.get_pointer_to_function = lambda library, name: library._ensure_finalized() or 0
-    codegen.JITCPUCodegen.set_env = lambda self, name, environment: None
-    gc.disable()  # all stays until the end of the process
 
 
 def build(part: str, folder: Path) -> None:
@@ -64,5 +52,6 @@ def _machine() -> llvm.TargetMachine:
 
 if __name__ == "__main__":
     leave_to_the_end()
+    gc.disable()  # all stays until the end of the process
     for part in sys.argv[2:]:
         build(part, Path(sys.argv[1]))

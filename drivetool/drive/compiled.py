@@ -7,25 +7,18 @@ from collections.abc import Callable
 import numba
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
-from numba.core.compiler import Compiler
 from numba.extending import intrinsic
 
+from drivetool.drive import numba_private as private
 
-class _Apart(Compiler):
-    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
-        flags.noalias = True
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
-
-
-# The kernel allocates nothing, so it does without reference counts (_nrt): counting every array at
+# The kernel allocates nothing, so it does without reference counts: counting every array at
 # every call cost ten times the arithmetic. What runs every sample is inlined (HOT).
-PLAIN = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "_nrt": False}
-COMPILE = {**PLAIN, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-HOT = {**COMPILE, "forceinline": True}
+PLAIN = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", **private.NO_COUNTS}
+COMPILE = {**PLAIN, **private.NO_WRAPPERS}
+HOT = {**COMPILE, **private.INLINE}
 # The same where no array that is written overlaps another argument: else the compiler tests for that
 # at every call, and takes vectors only for loops so long that the test pays.
-APART = {**HOT, "pipeline_class": _Apart}
+APART = {**HOT, "pipeline_class": private.Apart}
 LAW = numba.njit(**COMPILE)  # how an effect compiles its smooth law
 
 
@@ -43,11 +36,11 @@ def unit(*kinds: types.Type, gives: types.Type = types.none) -> Callable:
         @intrinsic
         def call(typing, place, *arguments):
             def code(context, builder, signature, values):
-                numbers = [context.get_value_type(k) for k in kinds]
-                kind = ir.FunctionType(context.get_value_type(gives), numbers)
+                numbers = [private.value_type(context, k) for k in kinds]
+                kind = ir.FunctionType(private.value_type(context, gives), numbers)
                 function = builder.inttoptr(values[0], kind.as_pointer())
-                result = builder.call(function, cgutils.unpack_tuple(builder, values[1]))
-                return context.get_dummy_value() if gives is types.none else result
+                result = builder.call(function, private.numbers_of(builder, values[1]))
+                return private.nothing(context) if gives is types.none else result
 
             return gives(types.int64, types.StarArgTuple(kinds)), code
 

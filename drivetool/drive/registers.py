@@ -15,8 +15,9 @@ from collections.abc import Callable
 
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
+
+from drivetool.drive import numba_private as private
 
 _FLAGS = ("contract", "nsz")  # those of all other code of the kernel
 
@@ -66,7 +67,7 @@ class _Code:
         return ir.Constant(ir.IntType(bits), number)
 
     def place(self, kind, array, at, step: int = 0, vector=None):
-        first = self.context.make_array(kind)(self.context, self.builder, array).data
+        first = private.first_number(self.context, self.builder, kind, array)
         place = self.builder.gep(self.builder.gep(first, [at]), [self.whole(step)])
         return self.builder.bitcast(place, vector.as_pointer()) if vector else place
 
@@ -78,10 +79,10 @@ class _Code:
         return [self.read(kind, array, at, j) for j in range(count)]
 
     def all_of(self, values):
-        return cgutils.unpack_tuple(self.builder, values)
+        return private.numbers_of(self.builder, values)
 
     def together(self, kind, values):
-        return self.context.make_tuple(self.builder, kind, values)
+        return private.tuple_of(self.context, self.builder, kind, values)
 
 
 def taker(n: int, width: int = 0) -> Callable:
@@ -110,7 +111,7 @@ def put(typing, array, at, value):
         many = do.all_of(values[2]) if isinstance(value, types.UniTuple) else [values[2]]
         for j, one in enumerate(many):
             builder.store(one, do.place(array, values[0], values[1], j, vector), align=8)
-        return context.get_dummy_value()
+        return private.nothing(context)
 
     return types.none(array, types.int64, value), code
 
@@ -221,7 +222,7 @@ def raised(typing, totals, factors, at, columns):
     """Totals, so many columns, each with its own factor times the columns: factors[m, at] of the m-th."""
     def code(context, builder, signature, values):
         do, (old, array, place, added) = _Code(context, builder), values
-        width = builder.extract_value(context.make_array(factors)(context, builder, array).shape, 1)
+        width = builder.extract_value(private.shape_of(context, builder, factors, array), 1)
         new = []
         for one in do.all_of(old):
             new.append(do.plus(one, do.times(do.read(factors, array, place), added)))
@@ -294,7 +295,7 @@ def carried(typing, p, f, noise, q, extra):
     def code(context, builder, signature, values):
         do, n = _Code(context, builder), len(noise)
         entries, kick = do.all_of(values[0]), do.all_of(values[2])
-        width = builder.extract_value(context.make_array(f)(context, builder, values[1]).shape, 1)
+        width = builder.extract_value(private.shape_of(context, builder, f, values[1]), 1)
         rows = [do.row(f, values[1], builder.mul(do.whole(r), width), n) for r in range(n)]
         made = []
         for r in range(n):
@@ -332,6 +333,6 @@ def put_half(typing, full, p, like):
         for r in range(n):
             for c in range(n):
                 builder.store(entries[_entry(r, c)], do.place(full, values[0], do.whole(r * n + c)), align=8)
-        return context.get_dummy_value()
+        return private.nothing(context)
 
     return types.none(full, p, like), code

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from llvmlite import ir
 from numba import types
-from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, lower_getattr_generic, models, register_model
-from numba.np.arrayobj import make_array, populate_array
 
+from drivetool.drive.numba_private import AttributeTemplate, array_of
 from drivetool.drive.system import Cache, Filtering, Laws, Pass, System
 from drivetool.drive.table import fields
 
@@ -54,13 +53,11 @@ def _member(context, builder, pointer, value, name):
 
     if not isinstance(kind, types.Array):
         return word(0)
-    array = make_array(kind)(context, builder)
     shape = [word(1 + d) for d in range(kind.ndim)]
     strides = [ir.Constant(ir.IntType(64), WORD)]
     for size in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], size))
-    populate_array(array, builder.inttoptr(word(0), array.data.type), shape, strides, WORD, None)
-    return array._getvalue()
+    return array_of(context, builder, kind, word(0), shape, strides, WORD)
 
 
 SYSTEM, CACHE, LAWS, PASS, FILTERING = (Pointer(kind) for kind in (System, Cache, Laws, Pass, Filtering))

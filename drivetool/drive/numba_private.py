@@ -1,0 +1,80 @@
+"""All that the kernel takes from Numba beyond its documented interface.
+
+No other file imports from numba.core or numba.np, or calls a method of Numba's contexts. A version of Numba may
+change any of this without notice: a test names each, and the bounds in pyproject.toml stand for what it passed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils, codegen
+from numba.core.compiler import Compiler
+from numba.core.typing.templates import AttributeTemplate
+from numba.np.arrayobj import populate_array
+
+__all__ = ["AttributeTemplate"]  # for who describes attributes of a type
+
+# Options of numba.njit that its manual does not list.
+NO_COUNTS = {"_nrt": False}
+NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INLINE = {"forceinline": True}
+
+
+class Apart(Compiler):
+    """Compiles a function whose arrays do not overlap."""
+
+    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        flags.noalias = True
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
+def leave_to_the_end() -> None:
+    """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
+
+    It is done once for a whole part, by build.py. Nothing that is compiled after this runs in this process.
+    """
+    codegen.CPUCodeLibrary._optimize_final_module = lambda library: None
+    codegen.JITCodeLibrary._finalize_specific = lambda library: None
+    codegen.JITCodeLibrary.get_pointer_to_function = lambda library, name: library._ensure_finalized() or 0
+    codegen.JITCPUCodegen.set_env = lambda self, name, environment: None
+
+
+def value_type(context, kind: types.Type) -> ir.Type:
+    """What LLVM calls values of this type."""
+    return context.get_value_type(kind)
+
+
+def nothing(context):
+    """The value None."""
+    return context.get_dummy_value()
+
+
+def numbers_of(builder: ir.IRBuilder, values) -> list:
+    """The members of a tuple."""
+    return cgutils.unpack_tuple(builder, values)
+
+
+def tuple_of(context, builder: ir.IRBuilder, kind: types.Type, values: Sequence):
+    """A tuple of these members."""
+    return context.make_tuple(builder, kind, values)
+
+
+def first_number(context, builder: ir.IRBuilder, kind: types.Array, array):
+    """The address of an array's first number."""
+    return context.make_array(kind)(context, builder, array).data
+
+
+def shape_of(context, builder: ir.IRBuilder, kind: types.Array, array):
+    """The numbers of rows, columns and so on of an array."""
+    return context.make_array(kind)(context, builder, array).shape
+
+
+def array_of(context, builder: ir.IRBuilder, kind: types.Array, place, shape: Sequence, strides: Sequence,
+             item_bytes: int):
+    """The array that lies at a place, an integer; shape in numbers, strides in bytes."""
+    array = context.make_array(kind)(context, builder)
+    populate_array(array, builder.inttoptr(place, array.data.type), shape, strides, item_bytes, None)
+    return array._getvalue()
