@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import gc
 import importlib
-import os
 import re
 import sys
 from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.machine_code import symbol
+from drivetool.drive.machine_code import store, symbol
 from drivetool.drive.numba_private import leave_to_the_end
 
 # What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
@@ -20,7 +19,7 @@ FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]
 
 
 def build(part: str, folder: Path) -> None:
-    """Write the object file of a part, as a whole or not at all."""
+    """Write the object file of a part."""
     file, name = part.split(".")
     made = getattr(importlib.import_module(f"drivetool.drive.{file}"), name).made()
     code = made.inspect_llvm().replace(made.native_name, symbol(name))
@@ -33,9 +32,7 @@ def build(part: str, folder: Path) -> None:
     passes = llvm.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     module.verify()
-    temporary = folder / f".{name}.{os.getpid()}"
-    temporary.write_bytes(machine.emit_object(module))
-    os.replace(temporary, folder / f"{name}.o")
+    store(folder, name, machine.emit_object(module))
 
 
 def _machine() -> llvm.TargetMachine:

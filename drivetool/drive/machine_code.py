@@ -8,28 +8,24 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-import llvmlite
 from llvmlite import binding as llvm
 
+from drivetool.drive.code_folder import PRIVATE, folder, write_whole
 from drivetool.drive.system import MADE_FOR, MOST_LAWS, MOST_STATES
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
-KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
-
-# The parts, file and name: the first group that has a part which is needed is compiled as far as it is not there
+# The parts, file and name: the first group that has a part which is needed is compiled as far as it is not whole
 # yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
 # Two lines, for a third on two cores keeps one of them from the longest.
 STEP = ("events.rough_step", "modes.work_out")
@@ -47,76 +43,52 @@ GROUPS = (
 )
 # Arguments of the parts that Python calls: tables, then numbers.
 NUMBERS = {"run": 1, "kalman": 2}
+DIGEST = hashlib.sha256().digest_size
+AT_ONCE = min(os.cpu_count() or 1, 4)  # compilers beside one another; each takes up to 400 MB
 
 _lock = threading.Lock()
-_temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends
 
 
-def versions() -> str:
-    """What machine code depends on besides its sources: the compiler and the processor."""
-    llvm.initialize_native_target()
-    return " ".join([llvmlite.__version__, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()])
+def prepare(names: Iterable[str] | None = None) -> None:
+    """Compile the groups of these parts, or all, as far as a part is missing or damaged.
 
-
-def folder_name() -> str:
-    """Carries a hash of all sources of the kernel, for any part may call any function, and of the versions."""
-    here = Path(__file__).parent
-    sources = b"".join(file.read_bytes() for file in sorted(here.rglob("*.py")))
-    return "kernel-" + hashlib.sha256(sources + versions().encode()).hexdigest()[:16]
-
-
-@cache
-def folder() -> Path:
-    """Where the machine code of this version is kept: beside the sources, in the user's cache, or for now only."""
-    here, name = Path(__file__).parent / "__pycache__", folder_name()
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    places = [Path(base)] if (base := os.environ.get("NUMBA_CACHE_DIR")) else [here, Path(home) / "drivetool"]
-    for place in places:
-        try:
-            (place / name).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(place / name, os.W_OK):
-            prune(place / name)
-            return place / name
-    _temporary.append(tempfile.TemporaryDirectory(prefix="drivetool-"))
-    return Path(_temporary[0].name)
-
-
-def prune(used: Path) -> None:
-    """Mark the folder of this version as in use, and remove those of versions long gone beside it.
-
-    Another process may do the same, or still run an older version: that is no error.
+    names   of parts, as `address` takes them; None for all
+    raises  DriveToolError: a part cannot be compiled or kept
     """
-    try:
-        used.mkdir(parents=True, exist_ok=True)
-        os.utime(used)
-        others = [(f.stat().st_mtime, f) for f in used.parent.glob("kernel-*") if f != used]
-    except OSError:
+    groups = GROUPS if names is None else [_group_of(name) for name in names]
+    lines = dict.fromkeys(line for group in groups for line in group)
+    if not _missing(lines):
         return
-    for when, other in sorted(others, reverse=True)[KEPT:]:
-        if when < time.time() - DAY:
-            shutil.rmtree(other, ignore_errors=True)
+    folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # whoever clears caches may have removed it meanwhile
+    with only_here():
+        missing = _missing(lines)  # another process may have compiled them meanwhile
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            for _ in counted("first use: the kernel is compiled", pool.map(_compile, missing), len(missing)):
+                pass
 
 
-def compile_with(name: str) -> None:
-    """Compile the group of a part."""
-    group = next(g for g in GROUPS if any(part.endswith(f".{name}") for line in g for part in line))
+def _group_of(name: str) -> tuple[tuple[str, ...], ...]:
+    return next(g for g in GROUPS if any(part.endswith(f".{name}") for line in g for part in line))
 
-    def one(line: tuple[str, ...]) -> None:
-        missing = [part for part in line if not object_file(part.partition(".")[2]).exists()]
-        if not missing:
-            return
-        done = subprocess.run([sys.executable, "-m", "drivetool.drive.build", str(folder()), *missing],
-                              capture_output=True, text=True, env=_environment())
-        if done.returncode != 0:
-            last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-            raise DriveToolError(f"the kernel, compiled in {folder()}", last,
-                                 "Install drivetool's requirements again; is there room on the disk?")
 
-    with only_here(), ThreadPoolExecutor(len(group)) as pool:
-        for _ in counted("first use: the kernel is compiled", pool.map(one, group), len(group)):
-            pass
+def _missing(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
+    """What of each line is to be compiled, every part once."""
+    seen, found = set(), []
+    for line in lines:
+        found.append([part for part in line if part not in seen and whole(part.partition(".")[2]) is None])
+        seen.update(line)
+    return [line for line in found if line]
+
+
+def _compile(parts: list[str]) -> None:
+    """Compile parts in a process of their own."""
+    # From the current folder Python imports first, and Numba takes settings: it is one that holds neither.
+    done = subprocess.run([sys.executable, "-m", "drivetool.drive.build", str(folder()), *parts],
+                          capture_output=True, text=True, env=_environment(), cwd=folder())
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise DriveToolError(f"the kernel, compiled in {folder()}", last,
+                             "Install drivetool's requirements again; is there room on the disk?")
 
 
 @contextmanager
@@ -125,17 +97,21 @@ def only_here() -> Iterator[None]:
 
     Where files cannot be locked each does it for itself, which does no harm.
     """
-    with (folder() / "lock").open("w") as file:
+    with ExitStack() as stack:
         with suppress(ImportError, OSError):
             import fcntl
 
-            fcntl.flock(file, fcntl.LOCK_EX)
+            fcntl.flock(stack.enter_context((folder() / "lock").open("a")), fcntl.LOCK_EX)
         yield
 
 
 def _environment() -> dict[str, str]:
-    """This process's, with the places it imports from: a script may have added some."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p), "NUMBA_DISABLE_JIT": "0"}
+    """This process's, with the places it imports from, and nothing by which the code of a part could differ.
+
+    Some of Numba's settings change code, and it writes names in the order of sets, which Python's seed decides.
+    """
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    return {**plain, "PYTHONHASHSEED": "0", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 @cache
@@ -159,17 +135,45 @@ def address(name: str) -> int:
 
 
 def _loaded(name: str) -> int:
-    if not object_file(name).exists():
-        compile_with(name)
+    code = whole(name)
+    if code is None:
+        prepare([name])
+        code = whole(name)
+    if code is None:
+        raise DriveToolError(f"the machine code of {name} in {folder()}", "a damaged file as soon as it is written",
+                             "Is the disk sound? Set NUMBA_CACHE_DIR to a folder on another.")
     engine = _engine()
-    engine.add_object_file(llvm.ObjectFileRef.from_data(object_file(name).read_bytes()))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine.get_function_address(symbol(name))
 
 
 def object_file(name: str) -> Path:
-    """Where the machine code of a part is kept."""
+    """Where the machine code of a part is kept: the object file, and a digest behind it."""
     return folder() / f"{name}.o"
+
+
+def store(place: Path, name: str, code: bytes) -> None:
+    """Keep the machine code of a part in a folder, as a whole or not at all."""
+    file = place / f"{name}.o"
+    if file.is_dir() and not file.is_symlink():  # not ours: it is moved out of the way
+        os.replace(file, tempfile.mkdtemp(prefix=f"{file.name}-", dir=place))
+    write_whole(file, code + _digest(place, name, code))
+
+
+def whole(name: str) -> bytes | None:
+    """The machine code of a part; None if it is missing, damaged, or another's."""
+    try:
+        kept = object_file(name).read_bytes()
+    except OSError:
+        return None
+    code, digest = kept[:-DIGEST], kept[-DIGEST:]
+    return code if digest == _digest(folder(), name, code) else None
+
+
+def _digest(place: Path, name: str, code: bytes) -> bytes:
+    """Of the code and what it is: a file of another part, or of another version's folder, is not whole either."""
+    return hashlib.sha256(f"{place.name}/{name}\n".encode() + code).digest()
 
 
 def symbol(name: str) -> str:

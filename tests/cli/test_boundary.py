@@ -273,3 +273,25 @@ def test_process_boundary(folder):
 ])
 def test_exit_codes_are_decided_in_one_place(severities, passed, strict, code):
     assert outcomes.exit_code(severities, passed, strict) == code
+
+
+KEPT_ELSEWHERE = """
+import contextlib, typer
+from drivetool.cli.outcomes import guarded
+from drivetool.drive.code_folder import folder
+
+with contextlib.suppress(typer.Exit):
+    guarded("greybox", lambda: len({folder(), folder()}) - 1)
+"""
+
+
+def test_where_no_cache_can_be_written_one_line_says_where_the_kernel_is_kept(tmp_path):
+    taken, temporary = tmp_path / "taken", tmp_path / "temporary"
+    taken.write_text("a file where a folder is wanted")
+    temporary.mkdir(0o700)
+    done = subprocess.run([sys.executable, "-c", KEPT_ELSEWHERE], capture_output=True, text=True, env={
+        **os.environ, "NUMBA_CACHE_DIR": str(taken), "XDG_CACHE_HOME": str(taken), "TMPDIR": str(temporary)})
+    line, = done.stderr.splitlines()
+    assert line.startswith("drivetool greybox: warning: the compiled kernel is kept in ")
+    assert f" {temporary.resolve()}/drivetool-" in line and "Set NUMBA_CACHE_DIR or XDG_CACHE_HOME" in line
+    assert done.returncode == 0 and not done.stdout

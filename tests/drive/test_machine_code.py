@@ -2,11 +2,14 @@
 
 import importlib
 import os
+import random
+import shutil
 import subprocess
 import sys
 import threading
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -14,6 +17,7 @@ from drivetool.drive import machine_code
 from drivetool.errors import DriveToolError
 
 PARTS = sorted({part for group in machine_code.GROUPS for line in group for part in line})
+SMALL = "switch_late"  # a part of a group of its own
 ALONE = """
 import sys
 import numpy as np
@@ -53,45 +57,28 @@ def test_every_unit_is_a_part():
     assert sorted(units) == PARTS
 
 
-def test_machine_code_of_old_versions_is_removed(tmp_path):
-    """What was in use within a day stays, and the newest three; so does what is not ours."""
-    for name, days in (("kernel-a", 0.0), ("kernel-b", 0.1), ("kernel-c", 0.2), ("kernel-d", 0.3),
-                       ("kernel-e", 2.0), ("kernel-now", 40.0), ("other", 40.0),
-                       ("old/kernel-a", 2.0), ("old/kernel-b", 3.0),
-                       ("old/kernel-c", 4.0), ("old/kernel-d", 5.0)):
-        (tmp_path / name / "sub").mkdir(parents=True)
-        os.utime(tmp_path / name, (time.time() - 86400.0 * days,) * 2)
-    machine_code.prune(tmp_path / "kernel-now")
-    machine_code.prune(tmp_path / "old" / "kernel-new")
-    assert {f.name for f in tmp_path.iterdir()} == {*(f"kernel-{k}" for k in "abcd"), "kernel-now", "other", "old"}
-    assert {f.name for f in (tmp_path / "old").iterdir()} == {"kernel-a", "kernel-b", "kernel-c", "kernel-new"}
-
-
-def test_the_folder_is_named_after_all_sources(monkeypatch):
-    """A part holds what it calls in other files."""
-    before, read = machine_code.folder_name(), Path.read_bytes
-    for name in ("run.py", "effects/drag.py"):
-        monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
-            b"#" if file.as_posix().endswith(f"drive/{name}") else b""))
-        assert machine_code.folder_name() != before
-
-
-def test_where_nothing_may_be_written_the_code_is_kept_for_now(monkeypatch, tmp_path):
-    taken = tmp_path / "taken"
-    taken.write_text("a file where a folder is wanted")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(taken))
-    place = machine_code.folder.__wrapped__()
-    assert place.is_dir() and tmp_path not in place.parents
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert machine_code.folder.__wrapped__() == tmp_path / machine_code.folder_name()
+def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, kept):
+    """Whatever stands in the current folder, or is set for Numba: neither reaches the compiler."""
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "numba.py").write_text("raise ImportError('not to be imported')")
+    (here / ".numba_config.yaml").write_text("boundscheck: 1\n")
+    monkeypatch.chdir(here)
+    for name in ("NUMBA_BOUNDSCHECK", "NUMBA_DISABLE_JIT", "NUMBA_OPT"):
+        monkeypatch.setenv(name, "1")
+    before = machine_code.whole(SMALL)
+    (kept / f"{SMALL}.o").unlink()
+    machine_code.prepare([SMALL])
+    assert machine_code.whole(SMALL) == before
+    assert not list(kept.glob("*.part"))
 
 
 def test_a_compiler_that_fails_is_an_error_in_a_sentence(monkeypatch, tmp_path):
     monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
-    monkeypatch.setattr(machine_code, "_environment", lambda: {**os.environ, "PYTHONPATH": str(tmp_path)})
+    monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "numba.py").write_text("raise ImportError('a broken installation')")
     with pytest.raises(DriveToolError, match=r"a broken installation.*requirements") as error:
-        machine_code.compile_with("switch_late")
+        machine_code.prepare([SMALL])
     assert str(tmp_path) in error.value.wanted and not list(tmp_path.glob("*.o"))
 
 
@@ -103,10 +90,177 @@ def test_of_processes_that_start_together_one_compiles(monkeypatch, tmp_path):
     monkeypatch.setattr(subprocess, "run", lambda words, **_: started.append(words))
     with (tmp_path / "lock").open("w") as first:
         fcntl.flock(first, fcntl.LOCK_EX)
-        second = threading.Thread(target=machine_code.compile_with, args=("switch_late",))
+        second = threading.Thread(target=machine_code.prepare, args=([SMALL],))
         second.start()
         second.join(0.2)
         assert second.is_alive() and not started
-        (tmp_path / "switch_late.o").touch()
+        machine_code.store(tmp_path, SMALL, b"code")
     second.join()
     assert not started
+
+
+# Damaged files. A process that loads one is killed by it: each test loads in a process of its own.
+
+@pytest.fixture
+def kept(monkeypatch, tmp_path):
+    """A folder with the machine code of a small part, copied from where it is kept."""
+    machine_code.prepare([SMALL])
+    copy = tmp_path / "code" / machine_code.folder().name
+    copy.mkdir(parents=True, mode=0o700)
+    copy.parent.chmod(0o700)
+    shutil.copy(machine_code.object_file(SMALL), copy)
+    monkeypatch.setattr(machine_code, "folder", lambda: copy)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(copy.parent))
+    return copy
+
+
+def changed(kept, what):
+    """The bytes of another file, or None where there is none."""
+    whole = (kept / f"{SMALL}.o").read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 3] ^= 0x10
+    machine_code.store(kept, "show", machine_code.whole(SMALL).replace(SMALL.encode(), b"show"))
+    return {"empty": b"", "short": whole[:10], "cut": whole[:len(whole) // 2], "cut by a byte": whole[:-1],
+            "longer": whole + b"\0", "a bit": bytes(flipped), "no digest": whole[:-machine_code.DIGEST],
+            "noise": random.Random(1).randbytes(len(whole)),
+            "another part": (kept / "show.o").read_bytes()}.get(what)
+
+
+# Compiles by copying, and notes that it did: what is asked is when, not how.
+LOAD = """
+import shutil, subprocess, sys, time
+from pathlib import Path
+from drivetool.drive import machine_code
+
+def run(words, **_):
+    with open("log", "a") as log:
+        print(*words[-1:], file=log)
+    time.sleep(float(sys.argv[1]))
+    place = machine_code.object_file("switch_late")
+    if place.is_dir():
+        machine_code.store(place.parent, "switch_late", Path("good").read_bytes()[:-machine_code.DIGEST])
+    else:
+        shutil.copy("good", place.with_name("temporary"))
+        place.with_name("temporary").replace(place)
+    return subprocess.CompletedProcess(words, 0)
+
+subprocess.run = run
+print(machine_code.address("switch_late") > 0)
+"""
+
+
+def loaded(kept, processes):
+    """How often it is compiled when so many processes load it at once."""
+    work = kept.parent
+    (work / "log").touch()
+    wait = 0.3 if processes > 1 else 0.0  # for the others to find the file damaged too
+    begun = [subprocess.Popen([sys.executable, "-c", LOAD, str(wait)], cwd=work, stdout=subprocess.PIPE, text=True,
+                              env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})
+             for _ in range(processes)]
+    assert [(p.communicate()[0], p.returncode) for p in begun] == [("True\n", 0)] * processes
+    return (work / "log").read_text().split()
+
+
+@pytest.mark.parametrize("what, processes", [
+    ("empty", 3), *((what, 1) for what in ("short", "cut", "cut by a byte", "longer", "a bit", "no digest", "noise",
+                                           "another part", "another version", "folder", "full folder", "loop"))])
+def test_a_damaged_file_is_compiled_anew_once(kept, what, processes):
+    file = kept / f"{SMALL}.o"
+    content = changed(kept, what)
+    shutil.copy(file, kept.parent / "good")
+    if what == "another version":
+        aside = kept.parent / "kernel-other"
+        aside.mkdir()
+        machine_code.store(aside, SMALL, machine_code.whole(SMALL))
+        content = (aside / file.name).read_bytes()
+    file.unlink()
+    if content is not None:
+        file.write_bytes(content)
+    elif what == "loop":  # as unreadable to root as to anybody
+        file.symlink_to(file)
+    else:
+        file.mkdir()
+        if what == "full folder":
+            (file / "notes.txt").write_text("not ours")
+    assert loaded(kept, processes) == [f"events.{SMALL}"]
+    assert machine_code.whole(SMALL) is not None
+    if what == "full folder":
+        assert [f.read_text() for f in kept.rglob("notes.txt")] == ["not ours"]
+
+
+def test_a_whole_file_is_loaded_as_it_is(kept):
+    assert loaded(kept, 1) == []
+
+
+def test_what_was_checked_is_what_is_loaded(monkeypatch, kept):
+    """A file that changes meanwhile is not read twice."""
+    reads, read = [], Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda file: reads.append(file.name) or read(file))
+    monkeypatch.setattr(machine_code, "_engine", lambda: Mock(get_function_address=lambda _: 1))
+    assert machine_code._loaded(SMALL) == 1 and reads == [f"{SMALL}.o"]
+
+
+def test_a_disk_that_damages_every_file_is_an_error_in_a_sentence(monkeypatch, kept):
+    (kept / f"{SMALL}.o").write_bytes(b"")
+    monkeypatch.setattr(subprocess, "run", lambda words, **_: subprocess.CompletedProcess(words, 0))
+    with pytest.raises(DriveToolError, match="damaged file as soon as it is written"):
+        machine_code._loaded(SMALL)
+
+
+# All parts at once
+
+@pytest.fixture
+def compiled(monkeypatch, tmp_path):
+    """The parts that are compiled, which takes no time here, and how many at once at most."""
+    monkeypatch.setattr(machine_code, "folder", lambda: tmp_path)
+    monkeypatch.setattr(machine_code, "AT_ONCE", 2)
+    parts, busy, most = [], [], []
+
+    def run(words, **_):
+        busy.append(None)
+        most.append(len(busy))
+        for part in words[words.index(str(tmp_path)) + 1:]:
+            parts.append(part)
+            machine_code.store(tmp_path, part.partition(".")[2], part.encode())
+        time.sleep(0.002)
+        busy.pop()
+        return subprocess.CompletedProcess(words, 0)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return parts, most
+
+
+def test_all_parts_are_compiled_once_and_two_at_once(compiled):
+    parts, most = compiled
+    machine_code.prepare()
+    assert sorted(parts) == PARTS and max(most) == 2
+    machine_code.prepare()
+    assert len(parts) == len(PARTS)
+
+
+def test_only_what_is_missing_is_compiled(compiled, tmp_path):
+    parts, _ = compiled
+    machine_code.prepare()
+    parts.clear()
+    (tmp_path / "kalman_3.o").unlink()
+    (tmp_path / "show.o").write_bytes(b"")
+    machine_code.prepare(["switch_late"])
+    assert not parts
+    machine_code.prepare()
+    assert sorted(parts) == ["filter.kalman_3", "smooth_events.show"]
+
+
+def test_a_part_comes_with_its_group_alone(compiled):
+    parts, _ = compiled
+    machine_code.prepare(["run_3", "switch_late"])
+    assert sorted(parts) == ["events.rough_step", "events.switch_late", "filter.kalman_3", "modes.work_out",
+                             "run.run_3"]
+
+
+def test_a_folder_that_is_cleared_meanwhile_is_made_again(monkeypatch, compiled, tmp_path):
+    cleared = tmp_path / "cleared" / "kernel-now"
+    monkeypatch.setattr(machine_code, "folder", lambda: cleared)
+    monkeypatch.setattr(subprocess, "run", lambda words, **_: machine_code.store(cleared, SMALL, b"code")
+                        or subprocess.CompletedProcess(words, 0))
+    machine_code.prepare([SMALL])
+    assert machine_code.whole(SMALL) == b"code"
