@@ -8,19 +8,30 @@ that are still alive.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import config, njit
 
-COMPILE = {"cache": True, "error_model": "numpy"}
+from drivetool.drive.code_folder import folder
+
 MOST = 4096  # extrema kept
 BLOCK, BLOCKS = 12, 40000  # steps of one length, and how often that length is chosen anew
 ROUNDING = 1e-10  # of a sum whose terms cancel, as a share of them
 DEAD = 1e-10  # share of the first integral below which what is left to come is dropped
 
 
-@njit(**COMPILE)
+def compiled(function: Callable) -> Callable:
+    """Compile; Numba keeps the code in the kernel's folder, for its own places may be read-only or unsafe."""
+    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder())
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = chosen
+
+
+@compiled
 def value(rates, weights, t):
     """sum of weights exp(rates t)."""
     v = 0.0
@@ -29,7 +40,7 @@ def value(rates, weights, t):
     return v
 
 
-@njit(**COMPILE)
+@compiled
 def bisect(rates, weights, a, b, fa, level):
     """The t in [a, b] at which the sum is `level`; fa is its value less the level at a.
 
@@ -59,7 +70,7 @@ def bisect(rates, weights, a, b, fa, level):
     return b - fb * (b - a) / (fb - fa) if fb != fa else b
 
 
-@njit(**COMPILE)
+@compiled
 def halved(rates, weights):
     """The same sum with one mode per conjugate pair; a mode that adds nothing is left out."""
     r, w = np.empty_like(rates), np.empty_like(weights)
@@ -72,7 +83,7 @@ def halved(rates, weights):
     return r[:n].copy(), w[:n].copy()
 
 
-@njit(**COMPILE)
+@compiled
 def fastest(rates, weights, t):
     """The fastest rate among the modes that matter at t."""
     total = 0.0
@@ -85,7 +96,7 @@ def fastest(rates, weights, t):
     return fast
 
 
-@njit(**COMPILE)
+@compiled
 def extrema(rates, weights, times, values):
     """Extrema of sum weights exp(rates t), t > 0, in order; how many there are.
 
@@ -123,7 +134,7 @@ def extrema(rates, weights, times, values):
     return n
 
 
-@njit(**COMPILE)
+@compiled
 def zeros_between(rates, weights, times, values, n, at_start, zeros):
     """Zeros of the sum: at most one on each monotone piece; how many."""
     m, a, fa = 0, 0.0, at_start
@@ -135,7 +146,7 @@ def zeros_between(rates, weights, times, values, n, at_start, zeros):
     return m
 
 
-@njit(**COMPILE)
+@compiled
 def absolute_integral(rates, weights):
     """Integral of |sum| from 0 to infinity, and the largest |integral up to t|.
 
@@ -156,7 +167,7 @@ def absolute_integral(rates, weights):
     return total + abs(before), max(largest, abs(start))
 
 
-@njit(**COMPILE)
+@compiled
 def absolute_integrals(rates, weights):
     """(m, 2) of m rows of modes, see above; infinite where a mode does not die out."""
     found = np.full((len(rates), 2), np.inf)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from itertools import pairwise
+from pathlib import Path
 
 import control
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +17,9 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import brentq
 
 from drivetool.drive.chain import Drive, one_body, two_mass, vehicle
+from drivetool.drive.code_folder import folder
 from drivetool.errors import BadOption, BadParameters
+from drivetool.tune import response
 from drivetool.tune.criteria import criterion, signals, value, values
 from drivetool.tune.factors import factors
 from drivetool.tune.loop import Settings, Wiring, build, path_response, torque_path
@@ -301,3 +306,10 @@ def test_first_peak_of_the_motor_whose_response_starts_flat(seed):
     turned = np.flatnonzero(seen < -1e-6 * seen.max())
     first = seen[:turned[0]].max() if len(turned) else seen.max()
     assert factors(loop, at).motor.peak == pytest.approx(first, rel=1e-3)
+
+
+def test_compiled_code_is_kept_in_the_kernels_folder():
+    """Numba's own places may be read-only, which it takes for an error, or open to others."""
+    for part in (response.value, response.absolute_integrals):
+        assert Path(part.stats.cache_path).parent == folder()
+    assert os.environ.get("NUMBA_CACHE_DIR", "") == numba.config.CACHE_DIR
