@@ -12,11 +12,18 @@ from pathlib import Path
 from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import ChannelMap, choose_channels
 from drivetool.logs.experiment import Recording
-from drivetool.logs.mcap.read import read_mcap
 from drivetool.logs.parquet import read_parquet
 
 # Given the names of all channels in a log, those to read.
 Choose = Callable[[Sequence[str]], Sequence[str]]
+
+
+def read_mcap(*asked) -> Recording:
+    """See drivetool.logs.mcap.read; imported here, since a Parquet log does not need it."""
+    from drivetool.logs.mcap.read import read_mcap as read
+
+    return read(*asked)
+
 
 READERS = {".parquet": read_parquet, ".mcap": read_mcap}
 

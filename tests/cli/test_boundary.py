@@ -82,7 +82,7 @@ def test_help_lists_the_commands_and_version_is_told():
 def test_help_imports_nothing_heavy():
     code = "import sys, drivetool.cli.main; print(*sorted(m for m in sys.modules if '.' not in m))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split()
-    assert not {"numpy", "scipy", "pyarrow", "matplotlib", "numba", "yaml", "msgspec"} & set(loaded)
+    assert not {"numpy", "scipy", "pyarrow", "matplotlib", "numba", "yaml", "msgspec", "mcap"} & set(loaded)
 
 
 @pytest.mark.parametrize("command", main.COMMANDS)

@@ -288,9 +288,9 @@ def test_records_are_found_one_by_one_or_in_runs(lengths, count, cut, zero):
                 expected.append(at + 9)
             at += 9 + n
         found = container.walk(np.frombuffer(kept, np.uint8))
-        assert found.start.tolist() == expected
-        assert found.length.tolist() == every[:len(expected)] and set(found.code.tolist()) <= {5}
-        assert found.whole == (sum(every) + 9 * len(every) == len(kept) and not zero)
+        assert found.starts.tolist() == expected
+        assert found.lengths.tolist() == every[:len(expected)] and found.others == {}
+        assert (found.end == len(kept)) == (sum(every) + 9 * len(every) == len(kept) and not zero)
 
 
 def test_a_column_turns_to_floats_with_its_first_float():

@@ -1,6 +1,8 @@
 """Parquet and MCAP: the same data gives the same Experiment, and bad files one clear sentence."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -230,6 +232,15 @@ BAD = {
     "text": (lambda d: text_column(d, "a.parquet"), BadRecording, ["numbers in channel 'motor_torque'"]),
     "short": (lambda d: write_parquet(d / "a.parquet", data(30)), NotEnoughData, ["at least 50", "found 30"]),
 }
+
+
+def test_a_parquet_log_does_not_import_what_reads_mcap(tmp_path):
+    write_parquet(tmp_path / "a.parquet", data())
+    code = ("import sys; from drivetool.logs.build import open_experiment; "
+            "open_experiment(sys.argv[1]); print(*{m.partition('.')[0] for m in sys.modules})")
+    done = subprocess.run([sys.executable, "-c", code, tmp_path / "a.parquet"], capture_output=True, text=True)
+    loaded = set(done.stdout.split())
+    assert "pyarrow" in loaded and not {"mcap", "lz4", "zstandard"} & loaded, done.stderr
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -1,22 +1,35 @@
-"""The records of an MCAP file, found without looking at one after the other where they are alike.
+"""The records of an MCAP file: what the mcap package reads, and what it lacks.
 
-A file is records one after the other; a chunk is a record that holds records, packed. Everything
-here works on the bytes; what is damaged is said and the rest is used.
+The package reads the summary, schemas, channels and chunks. It makes an object of each message, and
+stops at the first damaged byte. So the places of the messages are found here, all of a chunk at once,
+and so is the beginning of a chunk whose end is missing.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
+from mmap import mmap
 
+import lz4.frame
 import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import FOOTER_SIZE, SeekingReader
+from mcap.records import Chunk, Footer
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, get_chunk_data_stream
+from mcap.summary import Summary
 
-from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.room import Room
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
+# The kind of a record and the length of its content stand before it.
+RECORD_HEAD = 9
+SCHEMA, CHANNEL, MESSAGE, CHUNK = map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK))
 _LENGTH = struct.Struct("<Q")
 _RECORD = np.dtype([("code", "u1"), ("length", "<u8")])
 # What every message begins with.
@@ -24,32 +37,28 @@ HEADS = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), 
 HEAD = HEADS.itemsize
 # A run of records of one length is looked for after so many of them.
 _ALIKE = 4
+# What the package raises on damaged bytes.
+DAMAGED = (McapError, struct.error, ValueError)
+# packing -> what the beginning of a packed stream gives; the package unpacks whole ones only.
+_BEGINNING = {"": lambda packed: packed,
+              "lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
+              "zstd": lambda packed: zstandard.ZstdDecompressor().decompressobj().decompress(packed)}
 
 
 @dataclass(frozen=True)
 class Records:
-    """Where records lie in `data` (a (n,) array of bytes).
+    """The records in `data` (a (n,) array of bytes).
 
-    code    (n,) kind of each record
-    start   (n,) where its content begins; length (n,) of the content
-    end     where reading stopped
+    starts   (n,) where the content of each message begins; lengths (n,) [bytes]
+    others   where the content begins -> (kind, content), of each other record
+    end      where reading stopped
     """
 
     data: np.ndarray
-    code: np.ndarray
-    start: np.ndarray
-    length: np.ndarray
+    starts: np.ndarray
+    lengths: np.ndarray
+    others: dict[int, tuple[int, memoryview]]
     end: int
-
-    @property
-    def whole(self) -> bool:
-        """Whether all bytes were records."""
-        return self.end == len(self.data)
-
-    def content(self, index: int) -> memoryview:
-        """The content of one record."""
-        first = int(self.start[index])
-        return memoryview(self.data)[first:first + int(self.length[index])]
 
 
 def walk(data: np.ndarray, first: int = 0) -> Records:
@@ -58,76 +67,46 @@ def walk(data: np.ndarray, first: int = 0) -> Records:
     Records of one length in a row, as a single topic of fixed layout gives them, are recognised at
     once; others cost a loop.
     """
-    whole = _one_run(data, first)
-    if whole is not None:
-        return whole
     # Without a view of its own, each unpacking would ask the array for one.
     view, last, read = memoryview(data), len(data), _LENGTH.unpack_from
     begin: list[np.ndarray] = []
-    codes: list[np.ndarray] = []
-    lengths: list[np.ndarray] = []
-    places: list[int] = []
-
-    def singles():
-        if places:
-            starts = np.array(places, np.int64)
-            seen = Places(data, starts, 0).read(0, _RECORD)
-            begin.append(starts)
-            codes.append(seen["code"])
-            lengths.append(seen["length"].astype(np.int64))
-
+    single: list[int] = []
     at, before, alike, wait = first, -1, 0, 0
-    while at + 9 <= last:
+    while at + RECORD_HEAD <= last:
         length = read(view, at + 1)[0]
-        after = at + 9 + length
-        if after > last:
+        stride = RECORD_HEAD + length
+        if at + stride > last:
             break
-        if length == before:
-            alike += 1
-            if alike >= _ALIKE and len(places) >= wait:
-                count = _run(data, at, length)
-                if count >= 2 * _ALIKE:
-                    singles()
-                    begin.append(np.arange(at, at + (9 + length) * count, 9 + length))
-                    codes.append(np.full(count, data[at]))
-                    lengths.append(np.full(count, length))
-                    places, alike, wait = [], 0, 0
-                    at += (9 + length) * count
-                    continue
-                wait = len(places) + 64
-        else:
-            before, alike = length, 0
-        places.append(at)
-        at = after
-    singles()
-    code = np.concatenate([*codes, np.zeros(0, np.uint8)])
-    start, length = (np.concatenate([*each, np.zeros(0, np.int64)]) for each in (begin, lengths))
+        alike = alike + 1 if length == before else 0
+        before = length
+        if (alike >= _ALIKE or at == first) and len(single) >= wait:
+            count = _run(data, at, length)
+            if count >= 2 * _ALIKE:
+                if stride * count == last - first and data[at] == MESSAGE:  # all that there is
+                    return Records(data, np.arange(at + RECORD_HEAD, last, stride),
+                                   np.broadcast_to(np.int64(length), count), {}, last)
+                begin += [np.array(single, np.int64), np.arange(at, at + stride * count, stride)]
+                single, alike, wait = [], 0, 0
+                at += stride * count
+                continue
+            wait = len(single) + 64
+        single.append(at)
+        at += stride
+    begin = np.concatenate([*begin, np.array(single, np.int64)])
     # No record has the code 0: from there on it is not records.
-    nothing = np.flatnonzero(code == 0)
+    nothing = np.flatnonzero(data[begin] == 0)
     if len(nothing):
-        first = nothing[0]
-        at, code, start, length = int(start[first]), code[:first], start[:first], length[:first]
-    return Records(data, code, start + 9, length, at)
-
-
-def _one_run(data: np.ndarray, first: int) -> Records | None:
-    """All records, if they are of one kind and length; then these are stated once and take no room."""
-    if len(data) - first < 9:
-        return None
-    code, length = data[first], _LENGTH.unpack_from(data, first + 1)[0]
-    stride = 9 + length
-    if code == 0 or (len(data) - first) % stride or len(data) - first < 2 * stride:
-        return None
-    count = (len(data) - first) // stride
-    if _run(data, first, length) < count:
-        return None
-    return Records(data, np.broadcast_to(code, count), np.arange(first + 9, len(data), stride),
-                   np.broadcast_to(np.int64(length), count), len(data))
+        at, begin = int(begin[nothing[0]]), begin[:nothing[0]]
+    code, starts, lengths = data[begin], begin + RECORD_HEAD, np.diff(begin, append=at) - RECORD_HEAD
+    messages, others = np.flatnonzero(code == MESSAGE), np.flatnonzero(code != MESSAGE)
+    return Records(data, starts[messages], lengths[messages], {
+        first: (kind, view[first:first + length]) for first, kind, length in
+        np.column_stack([starts[others], code[others], lengths[others]]).tolist()}, at)
 
 
 def _run(data: np.ndarray, at: int, length: int) -> int:
     """How many records like the one at `at` follow each other from there."""
-    stride = 9 + length
+    stride = RECORD_HEAD + length
     there, count, look = (len(data) - at) // stride, 0, 32
     code, size = data[at], np.uint64(length)
     while count < there:
@@ -141,59 +120,66 @@ def _run(data: np.ndarray, at: int, length: int) -> int:
     return count
 
 
-def open_chunk(content: memoryview, cut: bool = False, room: Room | None = None) -> tuple[np.ndarray, str]:
+class _View:
+    """A file in memory that hands out views, so that no chunk is copied."""
+
+    def __init__(self, content: bytes | memoryview):
+        self._rest = memoryview(content)
+
+    def read(self, size: int) -> memoryview:
+        found, self._rest = self._rest[:size], self._rest[size:]
+        return found
+
+
+def parse(kind: type, content: bytes | memoryview):
+    """The content of a record as the package's record of that kind, its data a view; DAMAGED if it is none."""
+    return kind.read(ReadDataStream(_View(content)))
+
+
+def read_summary(file: mmap) -> Summary:
+    """The summary at the end of the file; an empty one where there is none or it is damaged.
+
+    The package does not compare the summary with its checksum; 0 says that there is none.
+    """
+    with suppress(Exception):  # damaged bytes fail in the libraries with any kind
+        footer = parse(Footer, file[RECORD_HEAD - FOOTER_SIZE - MAGIC_SIZE:])
+        # The checksum is of all before itself and the end mark.
+        if not footer.summary_crc or footer.summary_crc == zlib.crc32(
+                memoryview(file)[footer.summary_start:-4 - MAGIC_SIZE]):
+            return SeekingReader(file).get_summary() or Summary()
+    return Summary()
+
+
+def open_chunk(content: memoryview, room: Room, cut: bool = False) -> tuple[np.ndarray, str]:
     """The records of a chunk, unpacked.
 
-    content  of a chunk record; cut: whether its end is missing, then as much as can be unpacked
-    room     where the bytes may go
+    content  of a chunk record; room: where the bytes go
+    cut      whether the end of the chunk is missing; then as much as can be unpacked
     returns  (bytes, what was wrong; empty if nothing)
     """
     nothing = np.zeros(0, np.uint8)
     try:
-        size, crc, name_length = struct.unpack_from("<QII", content, 16)
-        packing = bytes(content[32:32 + name_length]).decode()
-        packed = content[40 + name_length:]
-        stated = struct.unpack_from("<Q", content, 32 + name_length)[0]
-    except (struct.error, UnicodeDecodeError):
-        return nothing, "" if cut else "a chunk with a broken head"
-    if not cut and stated > len(packed):
+        chunk = parse(Chunk, content)
+    except DAMAGED:
         return nothing, "a chunk with a broken head"
+    if chunk.compression not in _BEGINNING:  # the package would take it for not packed
+        return nothing, f"a chunk packed with '{chunk.compression}' (read are lz4, zstd and none)"
     try:
-        data = _unpack(packed if cut else packed[:stated], packing, size, cut, room or Room())
-    except KeyError:
-        return nothing, f"a chunk packed with '{packing}' (read are lz4, zstd and none)"
+        data = _BEGINNING[chunk.compression](chunk.data) if cut else _unpacked(chunk, room)
+        return np.frombuffer(data, np.uint8), ""
+    except CRCValidationError:
+        return nothing, "a chunk with a wrong checksum"
     except Exception as problem:  # damaged bytes fail in the libraries with any kind
         return nothing, f"a chunk that cannot be unpacked ({type(problem).__name__})"
-    if not cut and crc and zlib.crc32(data) != crc:
-        return nothing, "a chunk with a wrong checksum"
-    return np.frombuffer(data, np.uint8), ""
 
 
-def _unpack(packed: memoryview, packing: str, size: int, cut: bool, room: Room) -> bytes | memoryview | np.ndarray:
-    """The unpacked bytes; of a cut stream those that can be had."""
-    if packing == "":
-        return packed
-    if packing == "lz4":
-        import lz4.frame
-
-        return lz4.frame.LZ4FrameDecompressor().decompress(packed) if cut else lz4.frame.decompress(packed)
-    if packing == "zstd":
-        import zstandard
-
-        unpacker = zstandard.ZstdDecompressor()
-        if cut:
-            return unpacker.decompressobj().decompress(packed)
-        data = room.take(size)
-        with unpacker.stream_reader(packed) as reader:
-            if reader.readinto(data) != size:
-                raise ValueError("another size than stated")
-        return data
-    raise KeyError(packing)
-
-
-def text_at(content: memoryview, at: int) -> tuple[str, int]:
-    """(text, where it ends) of a length-prefixed text."""
-    length = struct.unpack_from("<I", content, at)[0]
-    if at + 4 + length > len(content):
-        raise ValueError("text beyond its record")
-    return bytes(content[at + 4:at + 4 + length]).decode(), at + 4 + length
+def _unpacked(chunk: Chunk, room: Room) -> np.ndarray | memoryview:
+    """All bytes; ValueError if zstandard, which stops after the first frame, gives another size than stated."""
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    if not chunk.compression:
+        return chunk.data
+    if chunk.compression == "zstd" and size != chunk.uncompressed_size:
+        raise ValueError("another size than stated")
+    kept = room.take(size)
+    kept[:] = np.frombuffer(stream.read(size), np.uint8)
+    return kept

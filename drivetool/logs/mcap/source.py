@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import mmap
-import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Channel, Schema
 
 from drivetool.errors import BadRecording
 from drivetool.logs.mcap import container
-from drivetool.logs.mcap.container import CHANNEL, CHUNK, HEAD, MESSAGE, SCHEMA, Records
+from drivetool.logs.mcap.container import CHANNEL, CHUNK, HEAD, MAGIC, RECORD_HEAD, SCHEMA, Records
 from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.room import Room
 
+NO_SCHEMA = Schema(0, b"", "", "")
 # Unpacked chunks up to this size are kept from the first pass to the second.
 KEPT = 1 << 28
 # Messages of a topic that are looked at to learn which fields it has, one per length and block.
 SAMPLES = 16
-
-
-@dataclass(frozen=True)
-class Schema:
-    """What a topic's messages look like; encoding and content as in the file."""
-
-    name: str = ""
-    encoding: str = ""
-    content: bytes = b""
 
 
 @dataclass
@@ -83,28 +75,30 @@ class Source:
         """Map the file and look through all of it; BadRecording if it is not MCAP at all."""
         self.path, self.damage = path, []
         self.topics: dict[str, Topic] = {}
-        self._schemas: dict[int, Schema] = {0: Schema()}
+        self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Topic] = {}
-        self._described = np.zeros(1 << 16, bool)
-        self._kept: list[Block] | None = []
         with path.open("rb") as file:
-            self._bytes = np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
-        if self._bytes[:8].tobytes() != container.MAGIC:
-            if container.MAGIC.startswith(self._bytes[:8].tobytes()):
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        if mapped[:len(MAGIC)] != MAGIC:
+            if MAGIC.startswith(mapped[:len(MAGIC)]):
                 raise BadRecording(f"messages in {path.name}", "only the beginning of an MCAP file",
                                    "Record or export it again.")
             raise BadRecording(f"an MCAP file in {path.name}", "something else", "Record or export it again.")
-        self._top = container.walk(self._bytes, 8)
+        self._bytes = np.frombuffer(mapped, np.uint8)
+        self._top = container.walk(self._bytes, len(MAGIC))
+        self._summary = container.read_summary(mapped)
+        walked = self._top.others
+        self._closed = mapped[-len(MAGIC):] == MAGIC and self._top.end == len(mapped) - len(MAGIC)
+        self._records = walked if self._closed else dict(sorted((self._indexed() | walked).items()))
+        self._rescued = len(self._records) - len(walked)
         kept, size = [], 0
         for block in self._read(self.damage):
             self._count(block)
             size += len(block.places.data)
-            if self._kept is not None:
-                kept.append(block)
+            kept.append(block)
             if size > KEPT:
-                self._kept, kept = None, []
-        if self._kept is not None:
-            self._kept = kept
+                kept = []
+        self._kept = kept if size <= KEPT else None
         self._note_end()
         self.topics = {name: topic for name, topic in self.topics.items() if topic.count}
 
@@ -117,23 +111,27 @@ class Source:
         """The blocks with messages once more."""
         return iter(self._kept) if self._kept is not None else self._read([])
 
+    def _indexed(self) -> dict[int, tuple[int, memoryview]]:
+        """The chunks that the index names; it finds those behind damage."""
+        view = memoryview(self._bytes)
+        return {each.chunk_start_offset + RECORD_HEAD:
+                (CHUNK, view[each.chunk_start_offset:][RECORD_HEAD:each.chunk_length])
+                for each in self._summary.chunk_indexes
+                if each.chunk_start_offset < len(view) and view[each.chunk_start_offset] == CHUNK}
+
     def _read(self, damage: list[str]) -> Iterator[Block]:
         """Block by block through the file; notes what is damaged."""
-        top = self._top
-        loose = np.flatnonzero(top.code == MESSAGE)
-        opened = _ahead(partial(container.open_chunk, room=Room()),
-                        map(top.content, np.flatnonzero(top.code == CHUNK)))
-        for index in np.flatnonzero(top.code != MESSAGE):
-            code = int(top.code[index])
+        chunks = [content for code, content in self._records.values() if code == CHUNK]
+        opened = _ahead(partial(container.open_chunk, room=Room()), chunks)
+        for code, content in self._records.values():
             if code == CHUNK:
-                data, problem = next(opened)
-                yield from self._chunk(data, problem, damage)
-            elif code in (SCHEMA, CHANNEL):
-                self._learn(code, top.content(index), damage)
-        if len(loose):
-            yield self._block(top, loose, damage)
-        if top.end + 9 <= len(self._bytes) and self._bytes[top.end] == CHUNK:
-            data, _ = container.open_chunk(memoryview(self._bytes)[top.end + 9:], cut=True)
+                yield from self._chunk(*next(opened), damage)
+            else:
+                self._learn(code, content, damage)
+        yield from self._messages(self._top, damage)
+        end, begin = self._top.end, self._top.end + RECORD_HEAD
+        if begin <= len(self._bytes) and self._bytes[end] == CHUNK and begin not in self._records:
+            data, _ = container.open_chunk(memoryview(self._bytes)[begin:], Room(), cut=True)
             yield from self._chunk(data, "", [])
 
     def _chunk(self, data: np.ndarray, problem: str, damage: list[str]) -> Iterator[Block]:
@@ -142,66 +140,61 @@ class Source:
             damage.append(problem)
             return
         records = container.walk(data)
-        if not records.whole:
+        if records.end < len(data):
             damage.append("a chunk that ends within a record")
-        for index in np.flatnonzero((records.code == SCHEMA) | (records.code == CHANNEL)):
-            self._learn(int(records.code[index]), records.content(index), damage)
-        which = np.flatnonzero(records.code == MESSAGE)
-        if len(which):
-            yield self._block(records, which, damage)
+        for code, content in records.others.values():
+            self._learn(code, content, damage)
+        yield from self._messages(records, damage)
 
-    def _block(self, records: Records, which: np.ndarray, damage: list[str]) -> Block:
-        """Messages with a whole head and a known channel."""
-        whole = records.length[which] >= HEAD
+    def _messages(self, records: Records, damage: list[str]) -> Iterator[Block]:
+        """The messages among records that have a whole head and a known channel, if there are any."""
+        starts, lengths = records.starts, records.lengths
+        whole = lengths >= HEAD
         if not whole.all():
             damage.append("messages without a head")
-            which = which[whole]
-        everything = len(which) == len(records.start)
-        places = Places.of(records.data, records.start if everything else records.start[which])
+            starts, lengths = starts[whole], lengths[whole]
+        if not len(starts):
+            return
+        places = Places.of(records.data, starts)
         head = places.read(0, container.HEADS)
         numbers = head["channel"]
-        only = int(numbers[0]) if len(numbers) and np.all(numbers == numbers[0]) else None
-        if not np.all(self._described[numbers if only is None else only]):
+        only = int(numbers[0]) if np.all(numbers == numbers[0]) else None
+        present = {only} if only is not None else set(np.flatnonzero(np.bincount(numbers)).tolist())
+        for number in sorted(present & self._summary.channels.keys()):
+            self._add_channel(self._summary.channels[number])
+        if not present <= self._channels.keys():
             damage.append("messages of a channel that is nowhere described")
-        return Block(places, (records.length if everything else records.length[which]) - HEAD, head, only)
+        yield Block(places, lengths - HEAD, head, only)
 
     def _learn(self, code: int, content: memoryview, damage: list[str]) -> None:
-        """Remember a schema or a channel."""
+        """Remember a schema or a channel, the first of each number."""
         try:
-            number = struct.unpack_from("<H", content, 0)[0]
             if code == SCHEMA:
-                name, at = container.text_at(content, 2)
-                encoding, at = container.text_at(content, at)
-                size = struct.unpack_from("<I", content, at)[0]
-                self._schemas.setdefault(number, Schema(name, encoding, bytes(content[at + 4:at + 4 + size])))
-            elif number not in self._channels:
-                self._add_channel(number, content)
-        except (struct.error, ValueError):
+                schema = container.parse(Schema, content)
+                self._schemas.setdefault(schema.id, schema)
+            elif code == CHANNEL:
+                self._add_channel(container.parse(Channel, content))
+        except container.DAMAGED:
             damage.append(f"a broken {'schema' if code == SCHEMA else 'channel'}")
 
-    def _add_channel(self, number: int, content: memoryview) -> None:
+    def _add_channel(self, channel: Channel) -> None:
         """Several publishers of one topic are one, unless their messages are of another kind."""
-        schema = self._schemas.get(struct.unpack_from("<H", content, 2)[0], Schema())
-        name, at = container.text_at(content, 4)
-        encoding, at = container.text_at(content, at)
-        end, metadata = at + 4 + struct.unpack_from("<I", content, at)[0], {}
-        at += 4
-        while at < end:
-            key, at = container.text_at(content, at)
-            metadata[key], at = container.text_at(content, at)
+        if channel.id in self._channels:
+            return
+        schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(channel.schema_id)
+        # Without its number, so that equal schemas are equal.
+        schema = replace(schema, id=0, data=bytes(schema.data)) if schema else NO_SCHEMA
+        name, encoding = channel.topic, channel.message_encoding
         known = self.topics.get(name)
         if known and (known.encoding, known.schema) != (encoding, schema):
-            name = f"{name}#{number}"
-        topic = self.topics.setdefault(name, Topic(name, encoding, schema, metadata))
-        topic.channels.append(number)
-        self._channels[number] = topic
-        self._described[number] = True
+            name = f"{name}#{channel.id}"
+        topic = self.topics.setdefault(name, Topic(name, encoding, schema, channel.metadata))
+        topic.channels.append(channel.id)
+        self._channels[channel.id] = topic
 
     def _count(self, block: Block) -> None:
         """Count messages per topic, and take one of each as a sample."""
         numbers = block.head["channel"]
-        if not len(numbers):
-            return
         counts = dict(enumerate(np.bincount(numbers).tolist())) if block.only is None \
             else {block.only: len(numbers)}
         for number, count in counts.items():
@@ -216,11 +209,12 @@ class Source:
 
     def _note_end(self) -> None:
         """Whether the file ends as it should."""
-        top = self._top
-        closed = self._bytes[-8:].tobytes() == container.MAGIC and top.end == len(self._bytes) - 8
-        if not closed:
-            left = len(self._bytes) - top.end
-            self.damage.append(f"it stops within a record at byte {top.end}, {left} bytes before its end"
+        end, left = self._top.end, len(self._bytes) - self._top.end
+        if self._rescued:
+            self.damage.append(f"a broken record at byte {end}, chunks found from there on by the index: "
+                               f"{self._rescued}")
+        elif not self._closed:
+            self.damage.append(f"it stops within a record at byte {end}, {left} bytes before its end"
                                if left else "it has no end mark, as if the recorder was stopped hard")
 
 

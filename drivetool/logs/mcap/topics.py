@@ -74,7 +74,7 @@ def open_topic(topic: Topic) -> Fields:
     if topic.schema.encoding != needs:
         raise Broken(f"encoding {topic.encoding} with schema encoding {topic.schema.encoding or 'none'}, "
                      f"not {needs}")
-    text = topic.schema.content
+    text = topic.schema.data
     if topic.encoding == "protobuf":
         walk, types = protobuf.protobuf_walk(topic.schema.name, text)
     else:
@@ -100,7 +100,7 @@ def _json(topic: Topic) -> Fields:
     """A topic in JSON; its schema is optional and says what the first messages may not."""
     schema = None
     if topic.schema.encoding == "jsonschema":
-        schema = json_text.loads(topic.schema.content)
+        schema = json_text.loads(topic.schema.data)
     trees = [tree for tree in map(json_text.loads, topic.samples) if tree is not None]
     listed = list(_listed(trees))
     if schema:
