@@ -12,6 +12,8 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
+from tests.mcap_bytes import Log, build
+
 JOINTS = ("motor", "load")
 ROS2_TEXT = """std_msgs/Header header
 uint8 state  # a number between two others, for the padding
@@ -57,6 +59,15 @@ def encoded(encoding: str, messages: list[dict]) -> tuple[str, str, bytes, str, 
 def write(path, encoding: str, messages: list[dict], topic: str = "/drive", **options) -> None:
     """One MCAP file with one topic; the log time is the stamp, the publish time 1 ms later."""
     write_topics(path, [(topic, encoding, messages)], **options)
+
+
+def write_by_hand(path, encoding: str, messages: list[dict], packing: str) -> None:
+    """As `write`, without the package that reads it."""
+    *schema, message_encoding, texts = encoded(encoding, messages)
+    entries = [(1, message["stamp"], message["stamp"] + 1_000_000, content)
+               for message, content in zip(messages, texts, strict=True)]
+    path.write_bytes(build(Log([tuple(schema)], [("/drive", message_encoding, 1, {})],
+                               [entries[k:k + 40] for k in range(0, len(entries), 40)], packing)))
 
 
 def write_topics(path, topics, chunk: int = 4096, compression=CompressionType.ZSTD, chunked: bool = True,

@@ -52,11 +52,12 @@ def at(message, name):
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)
 @pytest.mark.parametrize("options", [
     {}, {"compression": CompressionType.LZ4}, {"compression": CompressionType.NONE}, {"index": False},
-    {"chunked": False}, {"chunk": 1 << 20}], ids=str)
+    {"chunked": False}, {"chunk": 1 << 20}, {"packing": ""}, {"packing": "zstd"}], ids=str)
 def test_values_and_times_of_the_stock_decoders(tmp_path, encoding, options):
     path = tmp_path / "a.mcap"
     messages = encodings.rows(150, STEP, START)
-    encodings.write(path, encoding, messages, **options)
+    write = encodings.write_by_hand if "packing" in options else encodings.write
+    write(path, encoding, messages, **options)
     found = everything(path)
     assert found.findings == () and found.unreadable == {}
     if encoding == "protobuf":
