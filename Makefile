@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test study bench fuzz fixtures schemas reference lint clean
+.PHONY: demo test docs study bench fuzz fixtures schemas reference lint clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
@@ -14,6 +14,11 @@ demo: $(VENV)/ready
 test: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -n 2
+
+docs: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env docs build/docs
+	$(BIN)/python docs/check_examples.py
 
 study: $(VENV)/ready
 	$(BIN)/python -m pytest -m study -s

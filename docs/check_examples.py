@@ -1,0 +1,193 @@
+"""Runs the examples of the pages and compares what they print: `python docs/check_examples.py [--write]`.
+
+A ```console block holds `$ command` lines, each followed by what it prints on a terminal. All of them run in one
+temporary folder that holds the fixtures, the tutorial first, so that a later page may use the files it makes.
+Text is compared word by word, so that line breaks and columns are free. A number with a decimal point may
+differ by two in its last digit, which is what another processor changes; `...` stands for any words.
+A ```sh block does not run; its drivetool commands must name steps, options and values that exist.
+With --write, a block that differs gets what was printed now; look at the difference before you keep it.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from drivetool.cli.main import app
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
+BLOCK = re.compile(r"^```(console|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"(\d+\.\d+)")
+LAST_DIGITS = 2.0  # in units of the last digit shown; rounding alone may take one
+ENDED = "@exit"  # a line that no command prints: it parts the output of one from that of the next
+# A terminal of fixed width that draws neither colours nor a progress bar.
+TERMINAL = {"TERM": "dumb", "COLUMNS": "100", "LINES": "50"}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced example.
+
+    page   path from the project's root; line of its first line
+    kind   console: to be run; sh: commands alone
+    text   between the fences
+    """
+
+    page: str
+    line: int
+    kind: str
+    text: str
+
+    def steps(self) -> list[tuple[str, str]]:
+        """(command, expected output) of a console block, in order."""
+        parts = re.split(r"^\$ ", self.text, flags=re.MULTILINE)[1:]
+        return [(command, output) for command, _, output in (
+            re.sub(r"\\\n\s*", "", part).partition("\n") for part in parts)]
+
+
+def blocks_of(page: str, text: str) -> list[Block]:
+    """The fenced examples of a page."""
+    return [Block(page, text.count("\n", 0, found.start()) + 1, found[1], found[2])
+            for found in BLOCK.finditer(text)]
+
+
+def differs(expected: str, printed: str) -> str:
+    """The first words that are not as expected; empty if there are none."""
+    chunks = [chunk.split() for chunk in re.split(r"(?<!\S)\.\.\.(?!\S)", expected)]
+    words, at = printed.split(), 0
+    for i, chunk in enumerate(chunks):
+        end = len(words) - len(chunk)  # the last chunk is where the output ends, the first where it begins
+        places = range(max(at, end) if i == len(chunks) - 1 else at, (at if i == 0 else end) + 1)
+        place = next((place for place in places if _fits(chunk, words[place:])), None)
+        if place is None:
+            return _parting(chunk, words[at:])
+        at = place + len(chunk)
+    return "" if at == len(words) else _parting([], words[at:])
+
+
+def _fits(chunk: Sequence[str], words: Sequence[str]) -> bool:
+    """Whether words begin with those of a chunk."""
+    return len(words) >= len(chunk) and all(map(same, chunk, words))
+
+
+def same(expected: str, printed: str) -> bool:
+    """Whether two words are equal, but for the last digits of their numbers."""
+    parts = NUMBER.split(expected), NUMBER.split(printed)
+    return len(parts[0]) == len(parts[1]) and all(
+        left == right or (bool(NUMBER.fullmatch(left)) and bool(NUMBER.fullmatch(right)) and _close(left, right))
+        for left, right in zip(*parts, strict=True))
+
+
+def _close(left: str, right: str) -> bool:
+    """Whether two numbers differ by no more than the last digits of the first."""
+    unit = 10.0 ** -len(left.partition(".")[2])
+    return abs(float(left) - float(right)) <= (LAST_DIGITS + 1e-6) * unit
+
+
+def _parting(chunk: Sequence[str], words: Sequence[str]) -> str:
+    """Where they part, in words."""
+    alike = next((i for i, pair in enumerate(zip(chunk, words, strict=False)) if not same(*pair)),
+                 min(len(chunk), len(words)))
+    return (f"expected `{' '.join(chunk[alike:alike + 8]) or 'the end'}`; "
+            f"printed `{' '.join(words[alike:alike + 8]) or 'nothing more'}`")
+
+
+def run(commands: Sequence[str], folder: str) -> list[tuple[str, int]]:
+    """(what it printed, exit code) of each command, in one shell on a pseudo-terminal."""
+    script = "".join(f"{command}\ncode=$?; echo {ENDED} $code; (exit $code)\n" for command in commands)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    ours, theirs = pty.openpty()
+    shell = subprocess.Popen(["bash", "-c", script], cwd=folder, stdin=subprocess.DEVNULL, stdout=theirs,
+                             stderr=theirs, env=os.environ | TERMINAL | {"PATH": path})
+    os.close(theirs)
+    text = b"".join(_read(ours)).decode().replace("\r\n", "\n")
+    os.close(ours)
+    shell.wait()
+    parts = re.split(rf"^{ENDED} (\d+)\n", text, flags=re.MULTILINE)
+    return list(zip(parts[0::2], map(int, parts[1::2]), strict=False))
+
+
+def _read(terminal: int) -> Iterator[bytes]:
+    """What a pseudo-terminal gives until its other side is closed."""
+    while True:
+        try:
+            some = os.read(terminal, 65536)
+        except OSError:  # how Linux says that nobody writes any more
+            return
+        if not some:
+            return
+        yield some
+
+
+def faults_of(block: Block, folder: str) -> tuple[list[str], str]:
+    """(what is wrong with a console block, the text that would be right)."""
+    steps, faults, right = block.steps(), [], ""
+    done = run([command for command, _ in steps], folder)
+    for i, ((command, expected), (printed, code)) in enumerate(zip(steps, done, strict=True)):
+        problem = differs(expected, printed)
+        shown = i + 1 < len(steps) and steps[i + 1][0] == "echo $?"
+        if code and not shown:
+            problem = problem or f"exit code {code}, which the next command does not show"
+        if problem:
+            faults.append(f"$ {command}\n    {problem}")
+        kept = printed if differs(expected, printed) else expected
+        right += f"$ {command}\n" + "".join(f"{line.rstrip()}\n" for line in kept.splitlines() if line.strip())
+    return faults, right
+
+
+def wrong_usage(block: Block) -> list[str]:
+    """The drivetool commands of a block that does not run, which name what does not exist."""
+    faults, commands = [], typer.main.get_command(app).commands
+    for line in re.sub(r"\\\n\s*", "", block.text).splitlines():
+        for part in re.split(r"\s[|&>;]+\s", line):
+            words = shlex.split(part, comments=True)
+            if words[:1] != ["drivetool"] or words[1:2] == ["--help"]:
+                continue
+            if words[1] not in commands:
+                faults.append(f"{line}\n    no step {words[1]}")
+                continue
+            try:
+                commands[words[1]].make_context(words[1], words[2:])
+            except Exception as error:  # of click, or of the click inside newer versions of typer
+                if not hasattr(error, "format_message"):
+                    raise
+                faults.append(f"{line}\n    {error.format_message()}")
+    return faults
+
+
+def main(write: bool) -> int:
+    """Check every page; the number of examples that are wrong."""
+    paths = list(dict.fromkeys(path for pattern in PAGES for path in sorted(ROOT.glob(pattern))))
+    wrong = ran = 0
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "fixtures").symlink_to(ROOT / "fixtures")
+        for path in paths:
+            text = path.read_text(encoding="utf-8")
+            page = path.relative_to(ROOT).as_posix()
+            for block in blocks_of(page, text):
+                faults, right = faults_of(block, folder) if block.kind == "console" else (wrong_usage(block), "")
+                ran += 1
+                wrong += bool(faults)
+                for fault in faults:
+                    print(f"{block.page}:{block.line}: {fault}", file=sys.stderr)
+                if faults and write and right:
+                    text = text.replace(f"```console\n{block.text}```", f"```console\n{right}```", 1)
+            if write:
+                path.write_text(text, encoding="utf-8")
+    print(f"{ran} examples, {wrong} of them wrong")
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(bool(main("--write" in sys.argv[1:])))
