@@ -12,7 +12,8 @@ from scipy.special import stdtrit
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
-LESS, MORE = 2.0, 4.0  # factors by which a gain differs between records beyond what blocks say (docs/study.md)
+# Factors by which a gain differs between records beyond what blocks say (docs/evidence/diagnosis.md).
+LESS, MORE = 2.0, 4.0
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
