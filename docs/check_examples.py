@@ -4,7 +4,8 @@ A ```console block holds `$ command` lines, each followed by what it prints on a
 temporary folder that holds the fixtures, the tutorial first, so that a later page may use the files it makes.
 Text is compared word by word, so that line breaks and columns are free. A number with a decimal point may
 differ by two in its last digit, which is what another processor changes; `...` stands for any words.
-A ```sh block does not run; its drivetool commands must name steps, options and values that exist.
+A ```sh block does not run; its drivetool commands must name steps, options and values that exist. A ```yaml block
+with a schema line must be a file that the tool takes.
 With --write, a block that differs gets what was printed now; look at the difference before you keep it.
 """
 
@@ -17,6 +18,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,30 +26,35 @@ from pathlib import Path
 import typer
 
 from drivetool.cli.main import app
+from drivetool.errors import DriveToolError
+from drivetool.files.channel_map_file import load_channel_map
+from drivetool.files.parameter_file import load_parameters
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
-BLOCK = re.compile(r"^```(console|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^( *)```(console|sh|yaml)\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"(\d+\.\d+)")
 LAST_DIGITS = 2.0  # in units of the last digit shown; rounding alone may take one
 ENDED = "@exit"  # a line that no command prints: it parts the output of one from that of the next
 # A terminal of fixed width that draws neither colours nor a progress bar.
-TERMINAL = {"TERM": "dumb", "COLUMNS": "100", "LINES": "50"}
+TERMINAL = {"TERM": "dumb", "COLUMNS": "80", "LINES": "50"}
 
 
 @dataclass(frozen=True)
 class Block:
     """A fenced example.
 
-    page   path from the project's root; line of its first line
-    kind   console: to be run; sh: commands alone
-    text   between the fences
+    page    path from the project's root; line of its first line
+    kind    console: to be run; sh: commands alone; yaml: a file
+    text    between the fences, without their indent
+    indent  of the fences, in a list
     """
 
     page: str
     line: int
     kind: str
     text: str
+    indent: str = ""
 
     def steps(self) -> list[tuple[str, str]]:
         """(command, expected output) of a console block, in order."""
@@ -58,7 +65,7 @@ class Block:
 
 def blocks_of(page: str, text: str) -> list[Block]:
     """The fenced examples of a page."""
-    return [Block(page, text.count("\n", 0, found.start()) + 1, found[1], found[2])
+    return [Block(page, text.count("\n", 0, found.start()) + 1, found[2], textwrap.dedent(found[3]), found[1])
             for found in BLOCK.finditer(text)]
 
 
@@ -166,6 +173,23 @@ def wrong_usage(block: Block) -> list[str]:
     return faults
 
 
+def refused(block: Block, folder: str) -> list[str]:
+    """What the tool says against a file that a page shows; nothing of a part of one, which has no schema line."""
+    schema = re.match(r"schema: drivetool/([a-z-]+)/", block.text)
+    if schema is None:
+        return []
+    path = Path(folder) / "shown.yaml"
+    path.write_text(block.text, encoding="utf-8")
+    try:
+        if schema[1] == "channel-map":
+            load_channel_map(str(path))
+        else:
+            load_parameters([str(path)]).drive()
+    except DriveToolError as error:
+        return [str(error)]
+    return []
+
+
 def main(write: bool) -> int:
     """Check every page; the number of examples that are wrong."""
     paths = list(dict.fromkeys(path for pattern in PAGES for path in sorted(ROOT.glob(pattern))))
@@ -174,15 +198,19 @@ def main(write: bool) -> int:
         (Path(folder) / "fixtures").symlink_to(ROOT / "fixtures")
         for path in paths:
             text = path.read_text(encoding="utf-8")
-            page = path.relative_to(ROOT).as_posix()
-            for block in blocks_of(page, text):
-                faults, right = faults_of(block, folder) if block.kind == "console" else (wrong_usage(block), "")
+            for block in blocks_of(path.relative_to(ROOT).as_posix(), text):
+                right = ""
+                if block.kind == "console":
+                    faults, right = faults_of(block, folder)
+                else:
+                    faults = wrong_usage(block) if block.kind == "sh" else refused(block, folder)
                 ran += 1
                 wrong += bool(faults)
                 for fault in faults:
                     print(f"{block.page}:{block.line}: {fault}", file=sys.stderr)
-                if faults and write and right:
-                    text = text.replace(f"```console\n{block.text}```", f"```console\n{right}```", 1)
+                if faults and right:
+                    text = text.replace(textwrap.indent(block.text, block.indent),
+                                        textwrap.indent(right, block.indent), 1)
             if write:
                 path.write_text(text, encoding="utf-8")
     print(f"{ran} examples, {wrong} of them wrong")

@@ -58,3 +58,12 @@ def test_a_command_that_does_not_run_names_what_exists(line, told):
     assert told in fault
     right = check_examples.Block("page.md", 1, "sh", "drivetool greybox a.mcap --set motor.inertia=2 > b.yaml\n")
     assert check_examples.wrong_usage(right) == []
+
+
+def test_a_file_in_a_list_must_be_one_that_the_tool_takes(tmp_path):
+    page = "1. A:\n\n   ```yaml\n   schema: drivetool/parameters/1\n   parameters: {motor.inertia: 2}\n   ```\n"
+    block, = check_examples.blocks_of("page.md", page)
+    assert block.kind == "yaml" and check_examples.refused(block, str(tmp_path)) == []
+    block, = check_examples.blocks_of("page.md", page.replace("motor.inertia", "motor.inerta"))
+    fault, = check_examples.refused(block, str(tmp_path))
+    assert "motor.inerta" in fault
