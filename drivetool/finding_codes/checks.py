@@ -43,7 +43,7 @@ CODES = {
         "Use a finer encoder if smaller effects matter."),
     "explains-nothing": Code(
         FAILURE,
-        "The simulation of the whole record fits worse than the mean of the measured signal does. The model is wrong, "
+        "The simulation of the whole record fits worse than the mean of the measured signal. The model is wrong, "
         "or noise has led a long free run away from the record.",
         "Run `diagnose`, or validate by shorter free runs with `--segment`."),
     "fit-below-minimum": Code(
