@@ -6,19 +6,43 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test docs study bench fuzz fixtures schemas reference lint clean
+.PHONY: demo test test-slow check docs lint types packages test-floor study bench fuzz fixtures schemas reference \
+	clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
 
+# Every change: at most 5 minutes on two cores, the compilation of the kernel included.
 test: $(VENV)/ready
-	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -n 2
 
-docs: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+# At most 30 minutes: other hidden effects, recorded machines, coverage, every size of the kernel.
+test-slow: $(VENV)/ready
+	$(BIN)/python -m pytest -n 2 -m slow
+
+# At most 8 minutes.
+check: lint types packages docs
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+
+types: $(VENV)/checkers
+	$(BIN)/mypy
+
+packages: $(VENV)/checkers
+	$(BIN)/python .ci/installed.py
+
+docs: $(VENV)/checkers
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --nitpicky --fresh-env docs build/docs
 	$(BIN)/python docs/check_examples.py
+
+# With the lowest versions that pyproject.toml allows.
+test-floor:
+	python3.11 -m venv build/floor
+	python3.11 .ci/floors.py >build/floor/constraints
+	build/floor/bin/python -m pip install --quiet --disable-pip-version-check \
+		--constraint build/floor/constraints --editable ".[test]"
+	build/floor/bin/python -m pytest -n 2
 
 study: $(VENV)/ready
 	$(BIN)/python -m pytest -m study -s
@@ -39,12 +63,13 @@ schemas: $(VENV)/ready
 reference: $(VENV)/ready
 	$(BIN)/python docs/generate_reference.py docs/reference
 
-lint: $(VENV)/ready
-	$(BIN)/ruff check .
-
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	touch $@
+
+$(VENV)/checkers: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[check,docs]"
 	touch $@
 
 clean:

@@ -1,3 +1,3 @@
 """From recordings of electric drives to parameters with honest uncertainties."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -1,6 +1,61 @@
-"""Fixtures that tests of the command line share."""
+"""What all tests share: the kernel compiled before the first, the command line as a fixture, the slowest named."""
+
+import os
 
 import pytest
+
+TIERS = {"slow": "make test-slow", "study": "make study", "bench": "make bench", "fuzz": "make fuzz"}
+LONG = 15.0  # s of processor time: only a hidden effect asked for at the command line may take more in `make test`
+
+
+def pytest_addoption(parser):
+    parser.addoption("--slowest", type=int, default=10, help="tests whose processor time is printed at the end")
+
+
+def pytest_sessionstart(session):
+    """Compile the kernel once, before workers start that would wait for one another."""
+    config = session.config
+    if hasattr(config, "workerinput") or config.option.collectonly:
+        return
+    from drivetool.drive import machine_code
+
+    machine_code.prepare()
+
+
+def used() -> float:
+    """Processor seconds of this process and of the commands it has run."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    item.stash[BEGAN] = used()
+    return (yield)
+
+
+BEGAN = pytest.StashKey[float]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if report.when == "teardown":
+        report.user_properties.append(("processor", used() - item.stash[BEGAN]))
+    return report
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Name the tests that took most: the tiers are budgets."""
+    spent = sorted(((dict(report.user_properties)["processor"], report.nodeid)
+                    for reports in terminalreporter.stats.values() for report in reports
+                    if "processor" in dict(getattr(report, "user_properties", ()))), reverse=True)
+    if not spent:
+        return
+    terminalreporter.write_sep("-", f"processor time {sum(s for s, _ in spent):.0f} s; "
+                                    f"{sum(s > LONG for s, _ in spent)} tests over {LONG:g} s")
+    for seconds, name in spent[:config.option.slowest]:
+        terminalreporter.write_line(f"{seconds:7.1f} s  {name}")
 
 
 @pytest.fixture
