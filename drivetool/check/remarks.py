@@ -9,6 +9,7 @@ import numpy as np
 from drivetool.check.correlation import ALARM, Correlation
 from drivetool.check.validation import RecordCheck, ValidateOptions
 from drivetool.errors import Finding
+from drivetool.identify.compose import fit_words
 from drivetool.logs.experiment import Experiment
 
 BEYOND = 0.1  # of the fitted range, from which a record counts as outside it
@@ -46,12 +47,11 @@ def of_record(experiment: Experiment, experiments: Sequence[Experiment], fitted_
 
 def of_check(check: RecordCheck, correlation: Correlation | None, options: ValidateOptions) -> list[Finding]:
     """Bars that are missed, and what the residual says."""
-    where, found = _where(check), []
+    where, explained, found = _where(check), _explained(check), []
     if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
         found.append(Finding(
             "failure", "fit-below-minimum",
-            f"The simulation explains {_share(check.simulation_fit_percent)} of {where}; "
-            f"{options.min_fit:g} % were asked for.",
+            f"{explained[0].upper()}{explained[1:]}; {options.min_fit:g} % were asked for.",
             {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
             "Look at the pictures (--plot), then run diagnose."))
     if options.min_fit is None and check.simulation_fit_percent < 0.0:
@@ -95,8 +95,7 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
     shown = missed or checks
     worst = min(shown, key=lambda c: (np.nan_to_num(c.simulation_fit_percent, nan=-np.inf),
                                       -np.nan_to_num(c.max_correlation)))
-    figures = (f"the simulation explains {_share(worst.simulation_fit_percent)} of {_where(worst)} "
-               f"with rmse {worst.rmse:.3g} {worst.unit}" + (
+    figures = (f"{_explained(worst)} with rmse {worst.rmse:.3g} {worst.unit}" + (
                    ", as much as the torque noise allows" if worst in limited else ""))
     if missed:
         start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, {figures}"
@@ -119,9 +118,13 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
     return start + ("." if unseen else "; but the fit has seen every record, so this is no validation.")
 
 
-def _share(fit: float) -> str:
+def _explained(check: RecordCheck) -> str:
     """A fit in words: below zero, the mean would have been the better guess."""
-    return f"{fit:.4g} %" if fit > 0.0 else f"nothing (fit {fit:.4g} %)"
+    where, fit = _where(check), check.simulation_fit_percent
+    if np.isnan(fit):
+        return f"the simulation's fit of {where} is {fit_words(fit)}"
+    share = fit_words(fit) if fit > 0.0 else f"nothing (fit {fit_words(fit)})"
+    return f"the simulation explains {share} of {where}"
 
 
 def _where(check: RecordCheck) -> str:

@@ -14,7 +14,7 @@ from drivetool.check.replay import Replay, replay, resonances
 from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.identify.compose import fit_percent
+from drivetool.identify.compose import fit_percent, fit_words
 from drivetool.identify.estimate import Exhibit
 from drivetool.logs.experiment import Experiment
 
@@ -78,15 +78,15 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     known = np.isfinite(y)
     y, e = y[known], (y - simulated)[known]
     rmse = float(np.sqrt(np.mean(e**2)))
-    total = float(np.sum((y - y.mean()) ** 2))
     fit = fit_percent(y, y - e)
     one_step = fit_percent(run.measured[:, m], run.predicted[:, m])
     nan = float("nan")
     largest = nan if correlation is None else correlation.largest
+    wide = float(np.ptp(y))
     return RecordCheck(
         name, file, run.outputs[m], _unit(run.outputs[m], experiment), fit, one_step, rmse,
-        rmse / float(np.ptp(y)) if np.ptp(y) > 0.0 else nan,
-        1.0 - float(e @ e) / total if total > 0.0 else nan, int(known.sum()), largest,
+        rmse / wide if wide else nan,
+        1.0 - float(e @ e) / float(np.sum((y - y.mean()) ** 2)) if wide else nan, int(known.sum()), largest,
         nan if correlation is None else float(correlation.band.max()),
         nan if correlation is None else 100.0 * correlation.outside,
         nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
@@ -105,7 +105,7 @@ def _exhibits(experiment: Experiment, run: Replay, m: int, check: RecordCheck,
     time, y, s = experiment.time[run.index], run.measured[:, m], run.simulated[:, m]
     runs = f"free runs of {options.segment:g} s" if options.segment else "free run"
     found = [Exhibit(
-        "record", f"{which}: {runs}, fit {check.simulation_fit_percent:.1f} %", "time [s]",
+        "record", f"{which}: {runs}, fit {fit_words(check.simulation_fit_percent, '.1f')}", "time [s]",
         f"{label} [{check.unit}]", {
             "measured": (time, y), "simulated": (time, s), "residual": (time, y - s),
             f"torque [{experiment.torque_unit}]": (time, run.inputs[:, 0])})]

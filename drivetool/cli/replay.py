@@ -58,22 +58,24 @@ def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, optio
     from drivetool.check.validation import RecordCheck
 
     y = run.measured[role][np.isfinite(run.measured[role])]
-    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
+    wide = float(np.ptp(y))
     unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
     fit, rmse = run.fits[role], run.rmse[role]
     return RecordCheck(
         model, experiment.name, role, unit, fit, None, rmse, rmse / wide if wide else NAN,
-        1.0 - rmse**2 * len(y) / total if total else NAN, len(y), NAN, NAN, NAN, NAN, None,
-        options.min_fit is None or fit >= options.min_fit)
+        1.0 - rmse**2 * len(y) / float(np.sum((y - y.mean()) ** 2)) if wide else NAN, len(y),
+        NAN, NAN, NAN, NAN, None, options.min_fit is None or fit >= options.min_fit)
 
 
 def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:
     """Measured over simulated motor speed, with the load torque."""
+    from drivetool.identify.compose import fit_words
     from drivetool.identify.estimate import Exhibit
 
     y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
     return Exhibit(
-        "record", f"{experiment.name}, model {model}: tuned loop replayed, fit {run.fits['motor_speed']:.1f} %",
+        "record",
+        f"{experiment.name}, model {model}: tuned loop replayed, fit {fit_words(run.fits['motor_speed'], '.1f')}",
         "time [s]", f"motor speed [{experiment.motion_unit}/s]", {
             "measured": (run.time, y), "simulated": (run.time, s), "residual": (run.time, y - s),
             f"torque of the load [{experiment.torque_unit}]": (run.time, run.load)})

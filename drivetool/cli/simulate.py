@@ -71,11 +71,11 @@ def _told(found: ModelRun, role: str) -> str:
     """How well one sensor is simulated, in a line."""
     import numpy as np
 
-    from drivetool.identify.compose import fit_percent
+    from drivetool.identify.compose import fit_percent, fit_words
 
     y, s = found.measured[role], found.simulated[role]
     rmse = float(np.sqrt(np.nanmean((y - s) ** 2)))
-    return f"{role}: fit {fit_percent(y, s):.4g} %, rmse {rmse:.3g} {found.unit(role)}"
+    return f"{role}: fit {fit_words(fit_percent(y, s))}, rmse {rmse:.3g} {found.unit(role)}"
 
 
 def _exhibit(experiment: Experiment, found: ModelRun, role: str) -> Exhibit:

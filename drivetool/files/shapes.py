@@ -99,7 +99,7 @@ class CheckSection(Shape):
     file: str
     output: str
     unit: str
-    simulation_fit_percent: Annotated[Number, Meta(description="of a free run")]
+    simulation_fit_percent: Annotated[Number, Meta(description="of a free run; null for a constant signal")]
     one_step_fit_percent: Annotated[
         Number, Meta(description="of one-step predictions; not a simulation")]
     rmse: Annotated[Number, Meta(description="of the free run, in unit")]

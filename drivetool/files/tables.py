@@ -92,7 +92,7 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for check in checks:
         cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent),
                  short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
-                 f"{check.lags_outside_percent:.0f}")
+                 "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}")
         mark = Text("met", "green") if check.passed else Text("missed", "bold red")
         table.add_row(*map(Text, cells), mark)
     return table

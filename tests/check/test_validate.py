@@ -263,6 +263,18 @@ def test_a_torque_that_never_changes_cannot_be_tested():
     assert np.isnan(found.checks[0].correlation_p) and "nothing in what is left" not in found.verdict
 
 
+def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
+    _, drive, torque, run, noise = linear(5)
+    quiet = experiment(torque, motor_speed=run.speeds[:, 0], load_speed=np.full(len(torque), 0.1))
+    found = validate([quiet], [("m.yaml", drive, noise)], ValidateOptions(50.0))
+    constant = next(check for check in found.checks if check.output == "load_speed")
+    assert np.isnan(constant.simulation_fit_percent) and np.isnan(constant.r2) and not constant.passed
+    assert constant.rmse > 0.0
+    told = [found.verdict, *(f.text for f in found.findings), *(e.title for e in found.exhibits)]
+    assert sum("undefined (the signal is constant)" in text for text in told) == 3
+    assert not [text for text in told if "nan" in text.split()]
+
+
 def test_what_cannot_be_validated():
     _, drive, torque, run, _ = linear(9)
     e = experiment(torque, motor_speed=run.speeds[:, 0])

@@ -22,6 +22,7 @@ from drivetool.logs.experiment import Experiment
 from tests.places import FIXTURES
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed, running
+from tests.simulator.records import write_parquet
 from tests.simulator.simulate import simulate_linear
 
 STEP = 1e-3
@@ -131,6 +132,19 @@ def test_nothing_is_written_when_it_fails(tmp_path, call, monkeypatch, words, co
     found, out, err = call("simulate", FIXTURES / "rig" / "steps_holdout.parquet", "-p", model, *words)
     assert found == code and message in out + err and "Traceback" not in err
     assert [path.name for path in tmp_path.iterdir()] == [model.name]
+
+
+def test_a_constant_channel_has_no_fit_figure_and_the_line_says_why(tmp_path, call):
+    n = 400
+    torque = np.sin(20.0 * np.arange(n) * STEP)
+    # A tenth has no exact mean, so that rounding would give the channel a variance.
+    write_parquet(tmp_path / "r.parquet", {
+        "motor_torque": (torque, "Nm"), "motor_speed": (np.cumsum(torque) * STEP, "rad/s"),
+        "load_speed": (np.full(n, 0.1), "rad/s")}, STEP)
+    code, _, err = call("simulate", tmp_path / "r.parquet", "-p", fixture_file(tmp_path),
+                        "--out", tmp_path / "s.parquet", "--plot", tmp_path / "p")
+    assert code == 0 and "nan" not in err
+    assert "load_speed: fit undefined (the signal is constant), rmse 0." in err
 
 
 def test_an_axis_is_simulated_from_its_angle(tmp_path, call):

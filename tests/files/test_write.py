@@ -157,6 +157,16 @@ def test_validation_table_and_cross_table():
     assert [line.split() for line in text.splitlines()][-2] == ["backlash", "97.5", "97.5"]
 
 
+def test_figures_that_a_constant_torque_leaves_out_are_dashes(tmp_path):
+    nan = float("nan")
+    check = replace(CHECK, max_correlation=nan, band=nan, lags_outside_percent=nan, correlation_p=nan)
+    path = tmp_path / "v.yaml"
+    path.write_text(dump_validation(replace(VALIDATION, checks=(check,))))
+    assert yaml.safe_load(path.read_text())["checks"][0]["lags_outside_percent"] is None
+    row = show(tables.print_validation, load_result(path)).splitlines()[-2].split()
+    assert row == ["greybox", "gap", "93.12", "-", "0.0123", "-", "-", "met"]
+
+
 @pytest.mark.parametrize("value, std, expected", [
     (0.58712, 0.00123, ("0.5871", "0.0012")), (3310.4, 123.0, ("3310", "120")),
     (5.0, 0.0996, ("5.00", "0.10")),
