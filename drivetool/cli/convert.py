@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, inputs_stay
+from drivetool.cli.inputs import Job, check_outputs
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
@@ -34,15 +34,14 @@ def run(job: Job) -> int:
     from drivetool.files.channel_map_file import load_channel_map
     from drivetool.files.inspection import finding_sections
     from drivetool.files.parquet_file import recording_bytes
-    from drivetool.files.write import check_target, write_whole
+    from drivetool.files.write import write_whole
     from drivetool.logs.convert import in_si
     from drivetool.logs.read import read_recording
 
     if not job.out.lower().endswith(".parquet"):
         raise BadOption("a file name after --out that ends in .parquet", f"'{job.out}'",
                         "Name it by what it holds.")
-    inputs_stay(job)
-    check_target(job.out)
+    check_outputs(job)
     channel_map = load_channel_map(job.map)
     converted = in_si(read_recording(job.logs[0], channel_map), channel_map)
     write_whole(job.out, recording_bytes(converted))

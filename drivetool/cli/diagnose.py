@@ -10,7 +10,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, inputs_stay, noted, open_all
+from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded, say
 from drivetool.errors import BadOption, DriveToolError
 
@@ -67,7 +67,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     from drivetool.files.report_page import diagnosis_page
     from drivetool.files.write import write_whole
 
-    _check_report(job, report)
+    check_outputs(job, report=report)
     opened = open_all(job)
     split = len(opened.experiments) - held
     training, holdout = opened.experiments[:split], opened.experiments[split:]
@@ -92,20 +92,6 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
         _told(job, f"wrote {report}")
     return deliver(job, file, found.exhibits)
-
-
-def _check_report(job: Job, report: str | None) -> None:
-    """The page could be written, and over no other file of this run."""
-    import os
-
-    from drivetool.files.write import check_target
-
-    if report is None:
-        return
-    if job.out not in (None, "-") and os.path.abspath(report) == os.path.abspath(job.out):
-        raise BadOption("two files for --out and --report", f"{report} for both", "Give one another name.")
-    check_target(report)
-    inputs_stay(replace(job, out=report))
 
 
 def _told(job: Job, *lines: Sequence[str]) -> None:

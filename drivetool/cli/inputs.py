@@ -35,6 +35,12 @@ class Job:
     debug: bool = False
     quiet: bool = False
     condition: Sequence[str] = ()
+    more: Sequence[str] = ()  # files read by an option that this command alone has
+
+    @property
+    def inputs(self) -> list[str]:
+        """Every path that is read."""
+        return [*self.logs, *self.params, *self.more, *filter(None, (self.map, self.drive))]
 
 
 @dataclass(frozen=True)
@@ -55,13 +61,10 @@ def open_all(job: Job) -> Opened:
     """Read the parameter files, the drive file, the map and then the logs, which take longest."""
     from drivetool.files.channel_map_file import load_channel_map
     from drivetool.files.parameter_file import load_parameters
-    from drivetool.files.write import check_target
     from drivetool.logs.build import open_experiment
     from drivetool.logs.condition import parse_step
 
-    inputs_stay(job)
-    if job.out not in (None, "-"):
-        check_target(job.out)
+    check_outputs(job)
     loaded = load_parameters(job.params)
     shape = _shape(job)
     channel_map = load_channel_map(job.map)
@@ -156,15 +159,35 @@ def start_value(word: str, drive: Drive) -> tuple[str, float]:
     return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
-def inputs_stay(job: Job) -> None:
-    """Inputs are never modified, so the output must be another file."""
-    inputs = [*job.logs, *job.params, *filter(None, (job.map, job.drive))]
-    if job.out in (None, "-") or not os.path.exists(job.out):
-        return
-    for path in inputs:
-        if os.path.exists(path) and os.path.samefile(path, job.out):
+def check_outputs(job: Job, **further: str | None) -> None:
+    """Every output can be written, is no input and no other output; before anything runs.
+
+    further  option without its dashes -> path of a file written beside --out
+    raises   BadOption: see also `check_target`
+    """
+    from drivetool.files.write import check_target
+
+    options: dict[str, str] = {}
+    for option, path in {"out": job.out, **further}.items():
+        if path in (None, "-"):
+            continue
+        other = options.setdefault(os.path.realpath(path), option)
+        if other != option:
+            raise BadOption(f"two files for --{other} and --{option}", f"{path} for both", "Give one another name.")
+        if is_input(job, path):
             raise BadOption("an output file that is not an input", f"{path} for both",
-                            "Give --out another name; inputs are never changed.")
+                            f"Give --{option} another name; inputs are never changed.")
+        check_target(path)
+
+
+def is_input(job: Job, path: str) -> bool:
+    """Whether a file is read: by its name, through a link, or as a part of a recording that is a folder."""
+    if not os.path.isfile(path):
+        return False
+    read = [entry for entry in job.inputs if os.path.exists(entry)]
+    return any(os.path.samefile(entry, path) for entry in read) or any(
+        os.path.realpath(path).startswith(os.path.join(os.path.realpath(entry), ""))
+        for entry in read if os.path.isdir(entry))
 
 
 def _one_kind(experiments: Sequence[Experiment]) -> None:

@@ -8,7 +8,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver
-from drivetool.cli.inputs import Job, inputs_stay
+from drivetool.cli.inputs import Job, check_outputs
 from drivetool.cli.outcomes import guarded
 
 HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
@@ -29,11 +29,8 @@ def run(job: Job) -> int:
     """Read, look, deliver; the exit code."""
     from drivetool.files.channel_map_file import load_channel_map
     from drivetool.files.inspection import exhibit, finding_sections, inspection_file
-    from drivetool.files.write import check_target
     from drivetool.logs.inspect import inspect_log
 
-    inputs_stay(job)
-    if job.out not in (None, "-"):
-        check_target(job.out)
+    check_outputs(job)
     found = inspect_log(job.logs[0], load_channel_map(job.map))
     return deliver(job, inspection_file(found, finding_sections(found.findings)), [exhibit(found)])

@@ -11,9 +11,9 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, findings, noted, open_all
+from drivetool.cli.inputs import Job, check_outputs, findings, is_input, noted, open_all
 from drivetool.cli.outcomes import guarded, say
-from drivetool.errors import BadOption, DriveToolError
+from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.identify.spectra import SpectraOptions
@@ -56,7 +56,8 @@ Skip = Annotated[int | None, typer.Option(
 Output = Annotated[str | None, typer.Option(
     "--output", metavar="ROLE", help="Sensor. Default: the motor's speed, else its angle as speed.")]
 Curves = Annotated[str | None, typer.Option(
-    "--curves", metavar="FILE", help="Parquet file for all lines. Default: beside --out, with .parquet.")]
+    "--curves", metavar="FILE", help="Parquet file for all lines. Default: beside --out x.yaml as "
+    "x.curves.parquet; without --out there is none.")]
 
 
 def command(
@@ -82,14 +83,11 @@ def command(
 def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.spectra_file import spectra_file, write_curves
-    from drivetool.files.write import check_target
     from drivetool.identify.spectra import spectra
 
     if curves is None and job.out not in (None, "-"):
-        curves = str(Path(job.out).with_suffix(".parquet"))
-    if curves:
-        check_target(curves)
-        _apart(curves, job)
+        curves = _beside(job)
+    check_outputs(job, curves=curves)
     opened = open_all(job)
     try:
         spectrum = spectra(opened.experiments, options)
@@ -104,9 +102,9 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     return deliver(job, spectra_file(spectrum, Path(curves).name if curves else None), spectrum.exhibits)
 
 
-def _apart(curves: str, job: Job) -> None:
-    """The curves must not take the place of an input, nor of the summary."""
-    for path in (*job.logs, *filter(None, (job.map, job.out))):
-        if Path(path).resolve() == Path(curves).resolve():
-            raise BadOption("a file for the curves of its own", f"{path} for both",
-                            "Give --curves another name; inputs are never changed.")
+def _beside(job: Job) -> str:
+    """'x.curves.parquet' beside x.yaml: not x.parquet, which may well be a recording."""
+    path = job.out
+    while is_input(job, path := str(Path(path).with_suffix(".curves.parquet"))):
+        pass
+    return path

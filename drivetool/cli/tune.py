@@ -86,15 +86,12 @@ def command(
 def run(job: Job, words: dict[str, object]) -> int:
     """Read, design, deliver; the exit code."""
     from drivetool.cli.deliver import deliver
-    from drivetool.cli.inputs import as_set, inputs_stay
+    from drivetool.cli.inputs import as_set, check_outputs
     from drivetool.files.gains_file import gains_file
     from drivetool.files.parameter_file import load_parameters
-    from drivetool.files.write import check_target
     from drivetool.tune.design import tune
 
-    inputs_stay(job)
-    if job.out not in (None, "-"):
-        check_target(job.out)
+    check_outputs(job)
     loaded = load_parameters(job.params)
     drive = loaded.drive()
     drive = as_set(drive, job.set)

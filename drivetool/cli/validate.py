@@ -46,7 +46,8 @@ def command(
     quiet: cli.Quiet = False,
 ) -> None:
     """Each --params file is a model of its own; see HELP."""
-    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or ())
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
+              (gains,) if gains else ())
 
     def work() -> int:
         from drivetool.check.validation import ValidateOptions

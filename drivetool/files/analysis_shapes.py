@@ -54,7 +54,8 @@ class SpectraFile(Shape):
     distortion: list[DistortionSection]
     feedback: Annotated[dict[str, float | None], Meta(
         description="share of the unforetold torque that comes from the sensor, and its p-value")]
-    curves: Annotated[str | None, Meta(description="Parquet file with all lines")]
+    curves: Annotated[str | None, Meta(
+        description="Parquet file with all lines, in the folder of this file unless --curves names another")]
     findings: list[FindingSection]
     data: list[FileSection]
     options: Plain

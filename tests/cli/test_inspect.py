@@ -267,6 +267,18 @@ def test_a_converted_recording_has_the_same_bytes_whatever_was_in_memory():
     assert len(seen) == 1
 
 
+def test_a_part_of_a_folder_that_is_read_is_no_output(tmp_path, call):
+    hurt(tmp_path / "a.parquet")
+    (tmp_path / "parts").mkdir()
+    part = tmp_path / "parts" / "0.parquet"
+    part.write_bytes((tmp_path / "a.parquet").read_bytes())
+    before = part.read_bytes()
+    for command in ("convert", "inspect"):
+        code, out, err = call(command, "parts", "-o", "parts/0.parquet")
+        assert (code, out) == (2, "") and "inputs are never changed" in err
+    assert part.read_bytes() == before
+
+
 def test_convert_refuses(tmp_path, call):
     hurt(tmp_path / "a.parquet")
     for words, message in ((["-o", "b.csv"], "ends in .parquet"), (["-o", "a.parquet"], "inputs are never changed"),

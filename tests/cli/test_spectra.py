@@ -31,20 +31,21 @@ def record(tmp_path, monkeypatch):
 def test_summary_curves_and_pictures(record, call):
     words = ("spectra", "multi.parquet", "--out", "s.yaml", "--plot", "pictures")
     code, _, talk = call(*words)
-    assert code == 0 and "wrote s.parquet" in talk
-    text, curves = (record / "s.yaml").read_bytes(), (record / "s.parquet").read_bytes()
+    assert code == 0 and "wrote s.curves.parquet" in talk
+    text, curves = (record / "s.yaml").read_bytes(), (record / "s.curves.parquet").read_bytes()
     content = yaml.safe_load(text)
     Draft202012Validator(json.loads(schemas()["spectra.json"])).validate(content)
+    assert content["curves"] == "s.curves.parquet"
     assert content["settings"]["period"] == 2.0 and content["lines"] == 78
     peaks = {p["kind"]: p["hz"] for p in content["peaks"]}
     jm, jl, ks = 0.6, 5.2, 3300.0
     assert abs(peaks["resonance"] - np.sqrt(ks * (1 / jm + 1 / jl)) / 2 / np.pi) < 0.5
     assert abs(peaks["anti-resonance"] - np.sqrt(ks / jl) / 2 / np.pi) < 0.5
-    table = pq.read_table(record / "s.parquet")
+    table = pq.read_table(record / "s.curves.parquet")
     assert table.num_rows == 78 and table.schema.field("magnitude").metadata[b"unit"] == b"rad/s/Nm"
     assert (record / "pictures" / "spectra-multi-response.png").stat().st_size > 10_000
     assert call(*words)[0] == 0
-    assert (record / "s.yaml").read_bytes() == text and (record / "s.parquet").read_bytes() == curves
+    assert (record / "s.yaml").read_bytes() == text and (record / "s.curves.parquet").read_bytes() == curves
     code, shown, _ = call("show", "s.yaml")
     assert code == 0 and "anti-resonance" in shown and "coherence" in shown
 
@@ -57,11 +58,27 @@ def test_words_reach_the_estimator(record, call):
     assert content["first_hz"] >= 2.0 and content["last_hz"] <= 20.0 and content["curves"] is None
 
 
+@pytest.mark.parametrize("name, wanted", [("multi", "multi.curves.parquet"), (
+    "multi.curves", "multi.curves.curves.parquet")])
+def test_curves_beside_the_summary_take_no_recordings_name(record, call, name, wanted):
+    (record / "multi.parquet").rename(record / f"{name}.parquet")
+    other = record / "multi.parquet"  # a recording that this run does not read
+    if name != "multi":
+        other.write_bytes(b"kept")
+    before = {path.name: path.read_bytes() for path in record.iterdir()}
+    code, _, talk = call("spectra", f"{name}.parquet", "--out", "multi.yaml")
+    assert code == 0 and f"wrote {wanted}" in talk
+    assert yaml.safe_load((record / "multi.yaml").read_text())["curves"] == wanted
+    assert {p.name for p in record.iterdir()} == {*before, "multi.yaml", wanted}
+    assert all((record / each).read_bytes() == content for each, content in before.items())
+
+
 @pytest.mark.parametrize(("words", "code", "said"), [
     (("--method", "periodic", "--period", "15"), 1, "two periods"),
     (("--estimator", "indirect"), 2, "reference"),
     (("--estimator", "h7"), 2, "h7"),
     (("--curves", "multi.parquet"), 2, "inputs are never changed"),
+    (("--curves", "x", "--out", "./x"), 2, "two files for --out and --curves"),
     (("--curves", "no/folder.parquet"), 2, "existing folder"),
 ])
 def test_what_cannot_be_ends_with_a_sentence(record, call, words, code, said):

@@ -204,6 +204,8 @@ WRONG = {
     "covariance": (["tune", "-p", "indefinite.yaml"], 1, "negative variances"),
     "lossless": (["tune", "-p", "drive.yaml", "--set", "converter.dead_time=0", "--set", "converter.bandwidth=1e9",
                   "--out", "none/g.yaml"], 2, "no folder none"),
+    "replay over its gains": (["validate", "free.parquet", "-p", "drive.yaml", "--gains", "gains.yaml",
+                               "--out", "gains.yaml"], 2, "inputs are never changed"),
     "replay without load": (["validate", "free.parquet", "-p", "drive.yaml", "--gains", "drive.yaml"], 1,
                             "wanted schema drivetool/gains/1"),
 }
