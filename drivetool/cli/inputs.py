@@ -165,8 +165,10 @@ def check_outputs(job: Job, **further: str | None) -> None:
     further  option without its dashes -> path of a file written beside --out
     raises   BadOption: see also `check_target`
     """
-    from drivetool.files.write import check_target
+    from drivetool.files.write import check_folder, check_target
 
+    if job.plot:
+        check_folder(job.plot)
     options: dict[str, str] = {}
     for option, path in {"out": job.out, **further}.items():
         if path in (None, "-"):

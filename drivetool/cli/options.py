@@ -80,7 +80,8 @@ Starts = Annotated[int | None, _option(
     "--starts", metavar="N", min=1, help="Starting points to try. Default: the step decides.")]
 Seed = Annotated[int, _option("--seed", metavar="N", min=0, help="Of everything random.")]
 Out = Annotated[str | None, _option(
-    "--out", "-o", metavar="FILE", help="Where the YAML goes; - is standard output, the default on a pipe.")]
+    "--out", "-o", metavar="FILE", help="Where the YAML goes, its folder made if it is missing; - is standard "
+    "output, the default on a pipe.")]
 Json = Annotated[bool, _option("--json", help="The same content as JSON on standard output.")]
 Plot = Annotated[str | None, _option(
     "--plot", metavar="DIR", help="Draw pictures into this folder, also when the fit failed.")]

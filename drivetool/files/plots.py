@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.errors import BadOption
-from drivetool.files.write import write_whole
+from drivetool.files.write import check_folder, make_folder, write_whole
 from drivetool.identify.estimate import Exhibit
 
 if TYPE_CHECKING:
@@ -26,16 +25,13 @@ def draw_all(exhibits: Sequence[Exhibit], folder: str | Path, step: str,
     """Draw every exhibit.
 
     exhibits  what the step saw; those of one kind in the order of the records
-    folder    made if it is missing
+    folder    made if it is missing, also for no exhibits
     step      name of the step, the first part of every file name
     records   names of the recordings
     returns   the file names
     """
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadOption(f"to make the folder {folder}", error.strerror or str(error),
-                        "Give --plot another folder.") from None
+    check_folder(folder)
+    make_folder(folder)
     names = file_names(exhibits, step, records)
     for exhibit, name in zip(exhibits, names, strict=True):
         write_whole(Path(folder) / name, png(exhibit))

@@ -47,7 +47,6 @@ def _text(title: str, shape: type) -> str:
 
 def main(folder: str) -> None:
     """Write every schema into a folder."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
     for name, text in schemas().items():
         write_whole(Path(folder) / name, text)
 

@@ -1,4 +1,4 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, their folders made where they are missing."""
 
 from __future__ import annotations
 
@@ -13,33 +13,61 @@ from drivetool.errors import BadOption, CannotWrite
 def check_target(path: str | Path) -> Path:
     """The path, if a file could be written there; so that a long fit is not lost at its end.
 
-    raises  BadOption: the folder is missing or cannot be written to, or the path is a folder
+    raises  BadOption: the folder can neither be made nor written to, or the path is a folder
     """
     path = Path(path)
     if _takes_bytes(path):
         return path
     folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
-    if not folder.is_dir():
-        raise BadOption(f"an existing folder to write {path.name} to", f"no folder {folder}",
-                        "Make the folder first, or give another path.")
+    if path.is_symlink() and not folder.is_dir():
+        raise BadOption(f"a link that leads to a folder, to write {path.name} to", f"no folder {folder}",
+                        "Correct the link, or give another path.")
     if path.is_dir():
         raise BadOption("a file name to write to", f"the folder {path}", "Add a file name.")
-    if not os.access(folder, os.W_OK):
-        raise BadOption(f"the right to write to the folder {folder}", "none",
-                        "Change its rights, or give another path.")
+    check_folder(folder)
     return path
+
+
+def check_folder(folder: str | Path) -> None:
+    """Whether files could be written to a folder, which is made where it is missing.
+
+    raises  BadOption: it, or the folder to make it in, is none or gives no right to write
+    """
+    there = Path(folder)
+    while not os.path.lexists(there):
+        there = there.parent
+    if not there.is_dir():
+        raise BadOption(f"a folder {folder} to write to", f"{there}, which is no folder", "Give another folder.")
+    if not os.access(there, os.W_OK):
+        raise BadOption(f"the right to write to the folder {there}", "none",
+                        "Change its rights, or give another path.")
+
+
+def make_folder(folder: str | Path) -> list[Path]:
+    """Make a folder and those above it.
+
+    returns  what was missing, the innermost first
+    raises   CannotWrite: the system refuses
+    """
+    missing = [each for each in (Path(folder), *Path(folder).parents) if not each.exists()]
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWrite(f"to make the folder {folder}", error.strerror or str(error),
+                          "Check the rights and the free space, or give another path.") from error
+    return missing
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
     """Write a file so that no reader ever sees half of it.
 
-    path     target; replaced if it exists
+    path     target; replaced if it exists; its folder is made, and stays away if the file fails
     content  text (written as UTF-8 with \\n) or bytes
     raises   BadOption: see `check_target`; CannotWrite: the disk is full
     """
     path = check_target(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
-    temporary = None
+    temporary, made = None, []
     try:
         if _takes_bytes(path):
             with open(path, "wb") as stream:
@@ -47,6 +75,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             return
         path = Path(os.path.realpath(path))  # what a link points to is replaced, not the link
         folder = path.parent
+        made = make_folder(folder)
         # In the same folder, because a rename is atomic only within one file system.
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=folder)
         with os.fdopen(handle, "wb") as stream:
@@ -56,9 +85,11 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         os.chmod(temporary, _mode(path))
         os.replace(temporary, path)
     except BaseException as error:
-        if temporary:
-            with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):
+            if temporary:
                 os.unlink(temporary)
+            for each in made:
+                each.rmdir()
         if isinstance(error, OSError):
             raise CannotWrite(f"to write {path}", error.strerror or str(error),
                               "Check the rights and the free space, or give another path.") from error

@@ -111,6 +111,8 @@ def test_out_and_json_and_pictures(folder, call):
     code, out, err = call("greybox", "steps.parquet", "--out", "g.yaml", "--plot", "pictures/all")
     assert (code, out) == (0, "") and "wrote g.yaml" in err
     assert os.listdir("pictures/all") == ["greybox-steps-record.png"]
+    assert call("greybox", "steps.parquet", "--out", "new/one/g.yaml")[0] == 0
+    assert (folder / "new" / "one" / "g.yaml").read_bytes() == (folder / "g.yaml").read_bytes()
     code, out, err = call("greybox", "steps.parquet", "--json", "--quiet")
     assert (code, err) == (0, "")
     assert json.loads(out) == yaml.safe_load((folder / "g.yaml").read_text())
@@ -185,7 +187,9 @@ WRONG = {
     "set": (["greybox", "steps.parquet", "--set", "motor.inertia"], 2, "NAME=VALUE"),
     "set text": (["greybox", "steps.parquet", "--set", "motor.inertia=x"], 2, "(in kg m^2)"),
     "set bounds": (["greybox", "steps.parquet", "--set", "motor.inertia=-1"], 2, "between"),
-    "folder": (["greybox", "steps.parquet", "--out", "none/g.yaml"], 2, "no folder none"),
+    "folder": (["greybox", "steps.parquet", "--out", "hand.yaml/g.yaml"], 2, "hand.yaml, which is no folder"),
+    "plot": (["greybox", "steps.parquet", "--plot", "hand.yaml"], 2, "hand.yaml, which is no folder"),
+    "folder of a failure": (["greybox", "none.parquet", "--out", "new/g.yaml"], 1, "no file none.parquet"),
     "out is log": (["greybox", "steps.parquet", "--out", "./steps.parquet"], 2, "inputs are never changed"),
     "out is params": (["greybox", "steps.parquet", "-p", "hand.yaml", "-o", "hand.yaml"], 2, "never changed"),
     "show": (["show", "none.yaml"], 1, "show: error: wanted to read none.yaml"),

@@ -147,7 +147,7 @@ def test_the_base_is_refused_or_doubted(folder, asked, call):
     (["--candidates", "baklash"], 2, "Did you mean 'backlash'?"),
     (["--candidates", ","], 2, "at least one cause"),
     (["--error-budget", "2"], 2, "--error-budget"),
-    (["--report", "none/r.html"], 2, "no folder none"),
+    (["--report", "a.parquet/r.html"], 2, "a.parquet, which is no folder"),
     (["--report", "a.parquet"], 2, "inputs are never changed"),
     (["--report", "x.html", "--out", "./x.html"], 2, "two files for --out and --report"),
     (["--out", "copy.parquet", "--holdout", "copy.parquet"], 2, "inputs are never changed"),
@@ -217,6 +217,11 @@ class Page(HTMLParser):
     def handle_data(self, data):
         if self.open and self.open[-1] not in ("style", "script"):
             self.words.append(" ".join(data.split()))
+
+
+def test_the_page_makes_its_folder(folder, asked, call):
+    assert call(*WORDS, "--report", "new/r.html", "-q")[0] == 0
+    assert Path("new/r.html").read_text().startswith("<!")
 
 
 def test_the_page_needs_nothing_else(folder, asked, call):

@@ -282,6 +282,6 @@ def test_a_part_of_a_folder_that_is_read_is_no_output(tmp_path, call):
 def test_convert_refuses(tmp_path, call):
     hurt(tmp_path / "a.parquet")
     for words, message in ((["-o", "b.csv"], "ends in .parquet"), (["-o", "a.parquet"], "inputs are never changed"),
-                           (["-o", "none/b.parquet"], "no folder none")):
+                           (["-o", "a.parquet/b.parquet"], "which is no folder")):
         code, out, err = call("convert", "a.parquet", *words)
         assert code == 2 and out == "" and message in err and err.count("\n") == 1

@@ -107,6 +107,8 @@ def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
     monkeypatch.chdir(tmp_path)
     model = fixture_file(tmp_path)
     words = ["simulate", FIXTURES / "rig" / "steps_holdout.parquet", "-p", model, "--segment", 2]
+    assert call(*words, "--out", "new/sim.parquet")[0] == 0
+    Path("new/sim.parquet").rename("sim.parquet")
     code, out, err = call(*words, "--out", "sim.parquet", "--plot", "p")
     assert (code, out) == (0, "") and "motor_speed: fit 99." in err and "wrote sim.parquet" in err
     assert [path.name for path in Path("p").iterdir()] == ["simulate-record.png"]
@@ -122,7 +124,8 @@ def test_the_table_is_a_recording(tmp_path, call, monkeypatch):
 
 
 @pytest.mark.parametrize("words, code, message", [
-    (["--out", "sim.csv"], 2, "ends in .parquet"), ([], 2, "--out"), (["--out", "none/s.parquet"], 2, "no folder"),
+    (["--out", "sim.csv"], 2, "ends in .parquet"), ([], 2, "--out"),
+    (["--out", "rig.yaml/s.parquet"], 2, "no folder"),
     (["--out", "s.parquet", "--set", "load.inertia=-1"], 2, "between"),
     (["--out", "s.parquet", "--segment", "0.001"], 2, "20 samples"),
 ])

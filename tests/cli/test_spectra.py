@@ -52,10 +52,13 @@ def test_summary_curves_and_pictures(record, call):
 
 def test_words_reach_the_estimator(record, call):
     code, out, _ = call("spectra", "multi.parquet", "--method", "welch", "--estimator", "h3", "--window",
-                        "hamming", "--length", "4", "--overlap", "0.7", "--band", "2", "20", "--json", "--quiet")
+                        "hamming", "--length", "4", "--overlap", "0.7", "--band", "2", "20", "--json", "--quiet",
+                        "--curves", "new/c.parquet")
+    assert pq.read_table(record / "new" / "c.parquet").num_rows > 10
     content = json.loads(out)
     assert code == 0 and content["settings"]["estimator"] == "h3" and content["settings"]["length"] == 4.0
-    assert content["first_hz"] >= 2.0 and content["last_hz"] <= 20.0 and content["curves"] is None
+    assert content["first_hz"] >= 2.0 and content["last_hz"] <= 20.0 and content["curves"] == "c.parquet"
+    assert json.loads(call("spectra", "multi.parquet", "--json", "--quiet")[1])["curves"] is None
 
 
 @pytest.mark.parametrize("name, wanted", [("multi", "multi.curves.parquet"), (
@@ -79,7 +82,7 @@ def test_curves_beside_the_summary_take_no_recordings_name(record, call, name, w
     (("--estimator", "h7"), 2, "h7"),
     (("--curves", "multi.parquet"), 2, "inputs are never changed"),
     (("--curves", "x", "--out", "./x"), 2, "two files for --out and --curves"),
-    (("--curves", "no/folder.parquet"), 2, "existing folder"),
+    (("--curves", "multi.parquet/x.parquet"), 2, "which is no folder"),
 ])
 def test_what_cannot_be_ends_with_a_sentence(record, call, words, code, said):
     before = (record / "multi.parquet").read_bytes()

@@ -203,7 +203,7 @@ WRONG = {
     "gains for params": (["tune", "-p", "gains.yaml"], 1, "schema drivetool/parameters/1"),
     "covariance": (["tune", "-p", "indefinite.yaml"], 1, "negative variances"),
     "lossless": (["tune", "-p", "drive.yaml", "--set", "converter.dead_time=0", "--set", "converter.bandwidth=1e9",
-                  "--out", "none/g.yaml"], 2, "no folder none"),
+                  "--out", "bad.yaml/g.yaml"], 2, "bad.yaml, which is no folder"),
     "replay over its gains": (["validate", "free.parquet", "-p", "drive.yaml", "--gains", "gains.yaml",
                                "--out", "gains.yaml"], 2, "inputs are never changed"),
     "replay without load": (["validate", "free.parquet", "-p", "drive.yaml", "--gains", "drive.yaml"], 1,

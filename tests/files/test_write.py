@@ -203,10 +203,24 @@ def test_files_are_written_whole(tmp_path, monkeypatch):
     assert target.read_text() == "old" and os.listdir(tmp_path) == ["x.yaml"]
     write.write_whole(target, b"new")
     assert target.read_text() == "new" and target.stat().st_mode & 0o777 == 0o640
-    with pytest.raises(BadOption, match="no folder"):
-        write.write_whole(tmp_path / "none" / "x", "")
+    with pytest.raises(BadOption, match=r"x\.yaml, which is no folder"):
+        write.write_whole(target / "none" / "x", "")
     with pytest.raises(BadOption, match="Add a file name"):
         write.write_whole(tmp_path, "")
+
+
+def test_missing_folders_are_made_with_the_file_and_stay_away_without_it(tmp_path, monkeypatch):
+    there, target = tmp_path / "there", tmp_path / "there" / "new" / "one" / "x.yaml"
+    there.mkdir()
+    write.check_target(target)
+    assert not list(there.iterdir())  # asking makes nothing
+    monkeypatch.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    with pytest.raises(CannotWrite, match="No space left"):
+        write.write_whole(target, "new")
+    assert there.is_dir() and not list(there.iterdir())
+    monkeypatch.undo()
+    write.write_whole(target, "new")
+    assert target.read_text() == "new"
 
 
 def test_what_a_link_points_to_is_written_and_a_pipe_is_fed(tmp_path):
