@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from drivetool.cli.outcomes import exit_code, say
+from drivetool.cli.outcomes import exit_code, put, say
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,9 +37,9 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
     if job.out not in (None, "-"):
         write_whole(job.out, dump(file))
     if job.json:
-        sys.stdout.write(dump(file, "json"))
+        put(dump(file, "json"))
     elif job.out == "-" or (job.out is None and not terminal):
-        sys.stdout.write(dump(file))
+        put(dump(file))
     elif terminal:
         print_table(file, per_unit)
     sys.stdout.flush()

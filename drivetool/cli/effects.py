@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.outcomes import DONE, guarded
+from drivetool.cli.outcomes import DONE, guarded, put
 
 HELP = "The catalogue of physical effects. What each does, its parameters, and what a record must contain."
 
@@ -28,7 +28,7 @@ def run(code: str | None, json: bool = False) -> int:
     entries = catalogue(code)
     if json or not sys.stdout.isatty():
         content = {"effects": entries} if code is None else entries[0]
-        sys.stdout.write(to_json(content) if json else to_yaml(content))
+        put(to_json(content) if json else to_yaml(content))
         return DONE
     from rich.console import Console
 

@@ -70,6 +70,13 @@ def say(command: str, text: str) -> None:
     print(f"drivetool {command}: {text}", file=sys.stderr)
 
 
+def put(text: str) -> None:
+    """A file on standard output: the same bytes as on disk, whatever encoding a terminal would like."""
+    sys.stdout.flush()
+    sys.stdout.buffer.write(text.encode("utf-8"))
+    sys.stdout.buffer.flush()
+
+
 def _failed(command: str, text: str, debug: bool) -> int:
     """Say what went wrong, with the traceback if it was asked for."""
     if debug:

@@ -26,7 +26,8 @@ def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:
     fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, (_, unit) in columns.items()]
     arrays = [pa.array(np.ascontiguousarray(values), mask=np.isnan(values)) for values, _ in columns.values()]
     buffer = BytesIO()
-    table = pa.table(arrays, schema=pa.schema(fields, metadata=dict(about)))
+    table = pa.table(arrays, schema=pa.schema(fields, metadata={
+        key: text.encode("utf-8", "backslashreplace") for key, text in about.items()}))
     # Streams of equal bytes compress far better than floats as they are.
     parquet.write_table(table, buffer, compression="zstd", use_dictionary=False, use_byte_stream_split=True)
     return buffer.getvalue()

@@ -15,6 +15,10 @@ from drivetool.errors import BadParameters
 # YAML 1.1, which PyYAML follows, takes 1e-5 for text; a person who writes it means a number.
 _NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
 _LARGEST = 1.797693134e308
+# YAML reads these as line breaks, and the first as a plain one.
+_BREAKS = re.compile("[\x85\u2028\u2029]")
+# Valid in JSON, but a terminal obeys the control characters, and UTF-8 has no lone surrogates.
+_UNSEEN = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 class _Loader(yaml.SafeLoader):
@@ -33,7 +37,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Safe dumper: numbers as `number_text`, lists of plain values on one line."""
+    """Safe dumper: numbers as `number_text`, lists of plain values on one line, text as it is."""
 
     def ignore_aliases(self, data):
         """Never anchors: a person edits the file."""
@@ -79,14 +83,15 @@ def plain(value: Any) -> Any:
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:
-    """ASCII block YAML in the order given; lists of plain values on one line."""
+    """Block YAML in the order given; what cannot be seen, and bytes of a file name that are no text, escaped."""
     return yaml.dump(plain(document), Dumper=_Dumper, sort_keys=False, default_flow_style=False,
-                     allow_unicode=False, width=110)
+                     allow_unicode=True, width=110)
 
 
 def to_json(document: Mapping[str, Any]) -> str:
-    """The same content as `to_yaml`, as indented ASCII JSON."""
-    return json.dumps(plain(document), indent=2, ensure_ascii=True, allow_nan=False) + "\n"
+    """The same content as `to_yaml`, as indented JSON."""
+    text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+    return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
 def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
@@ -135,5 +140,7 @@ _FLOAT = "tag:yaml.org,2002:float"
 for _class in (_Loader, _Dumper):
     _class.add_implicit_resolver(_FLOAT, _NUMBER, list("-+.0123456789"))
 _Dumper.add_representer(float, lambda dumper, value: dumper.represent_scalar(_FLOAT, number_text(value)))
+_Dumper.add_representer(str, lambda dumper, text: dumper.represent_scalar(
+    "tag:yaml.org,2002:str", text, style='"' if _BREAKS.search(text) else None))
 _Dumper.add_representer(list, lambda dumper, items: dumper.represent_sequence(
     "tag:yaml.org,2002:seq", items, flow_style=_short(items)))

@@ -62,11 +62,11 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     """Write a file so that no reader ever sees half of it.
 
     path     target; replaced if it exists; its folder is made, and stays away if the file fails
-    content  text (written as UTF-8 with \\n) or bytes
+    content  text (written as UTF-8 with \\n; bytes of a file name that are no text as \\udcff) or bytes
     raises   BadOption: see `check_target`; CannotWrite: the disk is full
     """
     path = check_target(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     temporary, made = None, []
     try:
         if _takes_bytes(path):

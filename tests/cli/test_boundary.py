@@ -264,6 +264,24 @@ def test_steps_chain_through_a_pipe(folder):
     assert b"motor.inertia" in last.stdout and b"\x1b" not in last.stdout
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_names_are_written_as_they_are_whatever_the_encoding_of_standard_output(folder, encoding):
+    name = "Größe 試験.parquet"
+    (folder / "steps.parquet").rename(folder / name)
+    code, env = STUBBED.format(root=str(ROOT)), {**os.environ, "PYTHONIOENCODING": encoding}
+
+    def run(*words, stdin=b""):
+        return subprocess.run([sys.executable, "-c", code, *words], input=stdin, capture_output=True, env=env)
+
+    piped, made = run("greybox", name, "--quiet"), run("greybox", name, "--out", "größe.yaml")
+    assert piped.returncode == made.returncode == 0 and piped.stdout.decode("utf-8").count(name) == 1
+    assert piped.stdout == (folder / "größe.yaml").read_bytes()
+    assert "größe.yaml".encode(encoding, "backslashreplace") in made.stderr
+    assert json.loads(run("greybox", name, "--json", "--quiet").stdout) == yaml.safe_load(piped.stdout)
+    shown = run("show", "-", stdin=piped.stdout)
+    assert shown.returncode == 0 and b"motor.inertia" in shown.stdout and shown.stderr == b""
+
+
 def test_process_boundary(folder):
     failed = process("greybox", "none.parquet")
     assert failed.returncode == 1 and failed.stdout == "" and failed.stderr.count("\n") == 1

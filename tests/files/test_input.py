@@ -1,5 +1,6 @@
 """Parameter files as people write them, right and wrong."""
 
+import json
 import math
 
 import hypothesis.strategies as st
@@ -166,10 +167,24 @@ def test_numbers_have_ten_digits_and_stay_numbers(value):
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
                     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_any_plain_value_survives(value):
-    text = to_yaml({"x": value})
-    assert text.isascii()
+    text = to_yaml({"x": value}).encode("utf-8")
     assert from_yaml(text, "x") == {"x": plain(value)}
-    assert yaml.safe_load(to_json({"x": None})) == {"x": None}
+    assert json.loads(to_json({"x": value}).encode("utf-8")) == {"x": plain(value)}
+
+
+@pytest.mark.parametrize("name, written", [
+    ("Größe.parquet", "Größe.parquet"), ("試験 1.mcap", "試験 1.mcap"), ("µ°²€.csv", "µ°²€.csv"),
+    ("\U0001f600", "\U0001f600"),
+    # A byte that is no text, and characters that a terminal obeys or that YAML takes for line breaks.
+    (b"a\xff".decode("utf-8", "surrogateescape"), r"a\udcff"), ("a\x9bb", r"a\x9bb"), ("a\x85b", r"a\Nb"),
+    ("a\u2028b", r"a\Lb"), ("a\x1bb", r"a\eb"),
+])
+def test_text_is_written_as_it_is_unless_it_cannot_be_seen(name, written):
+    for text in (to_yaml({"file": name, "list": [name]}), to_json({"file": name, "list": [name]})):
+        if name == written:
+            assert text.count(name) == 2
+        assert from_yaml(text.encode("utf-8"), "x") == {"file": name, "list": [name]}
+    assert written.lower() in to_yaml({"file": name}).lower()
 
 
 def test_no_sets_and_no_objects_in_files():
