@@ -114,10 +114,11 @@ def _settled(task: Task, best: Found) -> Found:
             task, limits=replace(task.limits, sensitivity=working),
             scenarios=tuple((loop, refined(own, best.settings)) for loop, own in task.scenarios))
         best = _polish(task, _nudged(task, best.settings), FINE)
-        excess = reached(task, best.settings) - limit
-        if excess <= 1e-9:
+        found = reached(task, best.settings)
+        if found - limit <= 1e-9:
             break
-        working -= excess * (1.0 + 1e-3)
+        # As distances from -1, which no excess turns negative, not even that of an unstable loop.
+        working = 1.0 / (1.0 / working + (1.0 / limit - 1.0 / found) * (1.0 + 1e-3))
     return best
 
 

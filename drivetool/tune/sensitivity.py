@@ -155,17 +155,35 @@ def forbidden(q: np.ndarray, w: np.ndarray, limit: float) -> np.ndarray:
     """
     square, real = np.abs(q) ** 2, q.real
     inside = real**2 - square * (1.0 - 1.0 / limit**2)
-    hit = np.flatnonzero((inside > 0.0) & (real < 0.0))
-    if not len(hit):
+    near = (inside > 0.0) & (real < 0.0)
+    hit, crossed = np.flatnonzero(near), _crossings(q, near)
+    low, high = crossed * (1.0 - 1.0 / limit), crossed * (1.0 + 1.0 / limit)
+    if len(hit):
+        root = np.sqrt(inside[hit])
+        upper = (-real[hit] + root) / square[hit]
+        lower = (1.0 - 1.0 / limit**2) / (square[hit] * upper)
+        # Over neighbouring frequencies the edges move without a jump: no gain between two of them is allowed.
+        runs = np.flatnonzero(np.r_[True, np.diff(hit) > 1])
+        low = np.r_[low, np.minimum.reduceat(_between(lower, hit, w, -1.0), runs)]
+        high = np.r_[high, np.maximum.reduceat(_between(upper, hit, w, 1.0), runs)]
+    if not len(low):
         return np.zeros((0, 2))
-    root = np.sqrt(inside[hit])
-    high = (-real[hit] + root) / square[hit]
-    low = (1.0 - 1.0 / limit**2) / (square[hit] * high)
-    low, high = _between(low, hit, w, -1.0), _between(high, hit, w, 1.0)
     order = np.argsort(low, kind="stable")
     reach = np.maximum.accumulate(high[order])
     starts = np.r_[True, low[order][1:] > reach[:-1]]
     return np.column_stack([low[order][starts], reach[np.r_[starts[1:], True]]])
+
+
+def _crossings(q: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Gains at which the loop gain passes -1 between two frequencies of which not both are near it.
+
+    A wide limit forbids so little around -1 that a whole grid may miss it, and with it where the loop becomes
+    unstable.
+    """
+    turn, size = np.angle(-q), np.log(np.abs(q))  # zero on the negative real axis
+    k = np.flatnonzero((turn[:-1] * turn[1:] < 0.0) & (np.abs(np.diff(turn)) < np.pi) & ~(near[:-1] & near[1:]))
+    share = turn[k] / (turn[k] - turn[k + 1])
+    return np.exp(-(size[k] * (1.0 - share) + size[k + 1] * share))
 
 
 def _between(edge: np.ndarray, hit: np.ndarray, w: np.ndarray, sign: float) -> np.ndarray:

@@ -177,13 +177,41 @@ def test_a_lower_limit_never_lowers_the_criterion_at_length(drive, kind):
     lowering(drive, kind)
 
 
-def lowering(drive, kind):
+def lowering(drive, kind, limits=(2.4, 2.0, 1.7, 1.4), wiring=None):
     """The property: the criterion at ever lower limits."""
-    loop = build(drive, Wiring())
-    found = [optimum(task(loop, criterion(kind), Limits(limit))) for limit in (2.4, 2.0, 1.7, 1.4)]
+    loop = build(drive, wiring or Wiring())
+    found = [optimum(task(loop, criterion(kind), Limits(limit))) for limit in limits]
     reached = [each.value for each in found]
     for wide, tight in pairwise(reached):
         assert tight >= wide * (1.0 - 1e-5)
+
+
+@pytest.mark.parametrize("dead_time", ["exact", "zero"])
+@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), ("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")])
+def test_a_limit_that_is_as_good_as_none_never_raises_the_criterion(name, kind, dead_time):
+    lowering(two_mass_plant(name), kind, (np.inf, 1000.0, 100.0, 10.0, 2.0), Wiring(dead_time=dead_time))
+
+
+@pytest.mark.fuzz
+@settings(max_examples=25, deadline=None)
+@given(drives(), st.sampled_from(["IAE", "ISE", "IE", "IT2SE", "IT8SE"]))
+def test_a_limit_that_is_as_good_as_none_never_raises_the_criterion_at_length(drive, kind):
+    lowering(drive, kind, (1000.0, 100.0, 10.0, 2.0))
+
+
+@pytest.mark.parametrize("limit", [30.0, 1000.0, np.inf])
+@pytest.mark.parametrize("name", AT)
+def test_a_wide_limit_allows_the_gains_up_to_the_border_of_stability(name, limit):
+    """The border by the eigenvalues; what is forbidden around it is narrower than the grid of frequencies."""
+    drive, late = two_mass_plant(name), AT[name].integral_time
+    loop = build(drive, Wiring())
+
+    def slowest(gain):
+        return np.linalg.eigvals(loop.matrix(Settings(gain, late))).real.max()
+
+    border = brentq(slowest, AT[name].gain, 8.0 * AT[name].gain)
+    (low, high), = allowed(task(loop, criterion("IAE"), Limits(limit)), late, 1.0)
+    assert low < 0.1 * AT[name].gain and 0.9 / limit < 1.0 - high / border + 1e-3 < 1.5 / limit + 2e-3
 
 
 @settings(max_examples=3, deadline=None)
