@@ -82,11 +82,11 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
     one_step = fit_percent(run.measured[:, m], run.predicted[:, m])
     nan = float("nan")
     largest = nan if correlation is None else correlation.largest
-    wide = float(np.ptp(y))
+    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     return RecordCheck(
         name, file, run.outputs[m], _unit(run.outputs[m], experiment), fit, one_step, rmse,
         rmse / wide if wide else nan,
-        1.0 - float(e @ e) / float(np.sum((y - y.mean()) ** 2)) if wide else nan, int(known.sum()), largest,
+        1.0 - float(e @ e) / total if wide and total else nan, int(known.sum()), largest,
         nan if correlation is None else float(correlation.band.max()),
         nan if correlation is None else 100.0 * correlation.outside,
         nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 
 import typer
 
@@ -33,11 +35,9 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
 
     command  name of the subcommand, for messages
     work     returns the exit code of a finished command
-    debug    whether to show a traceback; quiet: no progress bar
+    debug    whether to show a traceback, and what libraries warn of; quiet: no progress bar
     """
-    with warnings.catch_warnings():
-        if not debug:
-            warnings.showwarning = lambda message, *_, **__: say(command, f"warning: {message}")
+    with _silent_libraries(debug):
         try:
             with progress_bar(quiet):
                 code = work()
@@ -63,6 +63,21 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = _failed(command, text, debug)
     raise typer.Exit(code)
+
+
+@contextmanager
+def _silent_libraries(debug: bool) -> Iterator[None]:
+    """What libraries warn of is shown with --debug alone: what a user should know is a finding."""
+    if debug:
+        yield
+        return
+    last, logging.lastResort = logging.lastResort, logging.NullHandler()
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda *_, **__: None
+            yield
+    finally:
+        logging.lastResort = last
 
 
 def say(command: str, text: str) -> None:

@@ -58,13 +58,13 @@ def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, optio
     from drivetool.check.validation import RecordCheck
 
     y = run.measured[role][np.isfinite(run.measured[role])]
-    wide = float(np.ptp(y))
+    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
     unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
     fit, rmse = run.fits[role], run.rmse[role]
     return RecordCheck(
         model, experiment.name, role, unit, fit, None, rmse, rmse / wide if wide else NAN,
-        1.0 - rmse**2 * len(y) / float(np.sum((y - y.mean()) ** 2)) if wide else NAN, len(y),
-        NAN, NAN, NAN, NAN, None, options.min_fit is None or fit >= options.min_fit)
+        1.0 - rmse**2 * len(y) / total if wide and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
+        options.min_fit is None or fit >= options.min_fit)
 
 
 def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
@@ -14,3 +17,13 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
     "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
 }
+
+
+@contextmanager
+def drawing(style: Mapping[str, Any]) -> Iterator[None]:
+    """Draw with a style; a letter of a file name that the font lacks is a box in the picture, and no warning."""
+    from matplotlib import rc_context
+
+    with rc_context(dict(style)), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        yield

@@ -60,13 +60,12 @@ def file_names(exhibits: Sequence[Exhibit], step: str, records: Sequence[str]) -
 
 def png(exhibit: Exhibit) -> bytes:
     """The picture as PNG bytes without anything that changes from run to run."""
-    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from drivetool.files.figures import figure
-    from drivetool.files.look import STYLE
+    from drivetool.files.look import STYLE, drawing
 
-    with rc_context(STYLE):
+    with drawing(STYLE):
         drawn = figure(exhibit)
         buffer = BytesIO()
         FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})

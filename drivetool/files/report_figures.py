@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivetool.files.look import drawing
 from drivetool.files.plots import decimated
 
 if TYPE_CHECKING:
@@ -45,10 +46,9 @@ def svg(exhibit: Exhibit) -> str:
     """The picture as an SVG element without anything that changes from run to run."""
     from io import BytesIO
 
-    from matplotlib import rc_context
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    with rc_context(STYLE):
+    with drawing(STYLE):
         drawn = _KINDS[exhibit.kind](exhibit)
         buffer = BytesIO()
         FigureCanvasSVG(drawn).print_svg(buffer, metadata={"Date": None, "Creator": None})

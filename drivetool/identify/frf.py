@@ -164,7 +164,7 @@ def welch_response(stretches: Sequence[np.ndarray], step: float, welch: Welch,
     stretches  (n_i, 2) input and output, or (n_i, 3) with the reference that drives the loop
     estimator  h1, h2, h3 (mean of both), hv (geometric mean), indirect (over the reference)
     returns    Response at the excited lines above 0 Hz
-    raises     BadOption: indirect without a reference; NotEnoughData: too few frames
+    raises     BadOption: indirect without a reference; NotEnoughData: too few frames, no excited line
     source     h3: Mitchell 1982; hv: Rocklin, Crowley, Vold 1985, for one input; variances: Bendat and
                Piersol 2010, sec. 9.2; indirect: Ljung 1999, sec. 13.5
     """
@@ -181,6 +181,9 @@ def welch_response(stretches: Sequence[np.ndarray], step: float, welch: Welch,
     if estimator == "indirect":
         prr = p[:, 2, 2].real
         keep &= prr > EXCITED**2 * prr[lowest:].max(initial=0.0)
+    if not keep.any():
+        raise NotEnoughData("spectral lines that the torque excites and the sensor answers", "none",
+                            "Look at both channels with inspect; record while they change.")
     puu, pyy, puy, p, f = puu[keep], pyy[keep], puy[keep], p[keep], s.frequency[keep]
     coherence = np.clip(np.abs(puy) ** 2 / (puu * pyy), 0.0, 1.0)
     h1, h2 = puy / puu, pyy / np.conj(puy)

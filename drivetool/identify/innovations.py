@@ -146,7 +146,7 @@ def _distance(problem: Problem, before: Point, solution: Solution) -> float:
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-200))
     inverse = np.linalg.pinv(matrix / np.outer(size, size), rcond=1e-13, hermitian=True)
-    std = np.sqrt(variance * np.maximum(np.diag(inverse), 1e-300)) / size
+    std = np.sqrt(np.maximum(variance * np.diag(inverse), 1e-300)) / size
     return float(np.max(np.abs(solution.point.values - before.values) / std))
 
 

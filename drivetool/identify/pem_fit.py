@@ -261,7 +261,8 @@ def _judged(problem: Prediction, solution: Solution) -> PemFit:
     degrees = max(problem.count - problem.unknowns, 1)
     variance = float(e @ e) / degrees
     lags = min(25, len(e) // 5)
-    r = np.array([sum(x[: len(x) - j] @ x[j:] for x in errors) for j in range(1, lags + 1)]) / float(e @ e)
+    r = np.array([sum(x[: len(x) - j] @ x[j:] for x in errors) for j in range(1, lags + 1)])
+    r /= max(float(e @ e), 1e-300)  # zero where the model repeats the output to the last digit
     statistic = len(e) * float(np.sum(r**2))
     p = float(chi2.sf(statistic, max(lags - problem.structure.noise_parameters, 1)))
     white = p > 1e-3

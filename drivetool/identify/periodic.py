@@ -124,7 +124,9 @@ def lines_of(stretch: np.ndarray, step: float, size: int, skip: int, excited: np
     r = spectra[..., 2] if x.shape[1] > 2 else None
     if excited is None:
         excited = excited_lines(u if r is None else r)
-    return Lines(u, y, r, step, size, excited)
+    # Where either has nothing at all, as a sensor at rest, there is no ratio of spread and mean.
+    there = (np.abs(u.mean(axis=0)) ** 2 > 0.0) & (np.abs(y.mean(axis=0)) ** 2 > 0.0)
+    return Lines(u, y, r, step, size, excited & there)
 
 
 def _drift(x: np.ndarray, size: int) -> np.ndarray:
@@ -175,8 +177,9 @@ def periodic_response(runs: Sequence[Lines]) -> Response:
     """
     excited = np.logical_and.reduce([r.excited for r in runs])
     if not excited.any():
-        raise NotEnoughData("spectral lines that every run excites", "none",
-                            "Give the runs apart, or name the period with --period.")
+        raise NotEnoughData("spectral lines that every run excites and the sensor answers", "none",
+                            "Look at both channels with inspect; give the runs apart, or name the period with "
+                            "--period.")
     g, noise, signal, spread = [], [], 0.0, 0.0
     for run in runs:
         ratio, variance, floor = _of_run(run, excited)

@@ -134,7 +134,7 @@ def _push(problem: Problem, solution: Solution) -> np.ndarray:
     matrix, slope, _ = schur(solution.normal)
     variance = solution.cost / max(problem.count - problem.unknowns, 1)
     std = np.sqrt(variance * np.maximum(np.diag(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)), 0.0))
-    return np.abs(slope) * std / variance
+    return np.abs(slope) * std / max(variance, 1e-300)  # a fit without any error has no slope either
 
 
 def _beyond_bound(problem: Problem, solution: Solution, j: int) -> float:

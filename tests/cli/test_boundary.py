@@ -1,6 +1,7 @@
 """The command line at its boundary: words in, bytes, talk and exit code out."""
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -33,6 +34,7 @@ def estimator(experiments, drive, options):
         raise KeyboardInterrupt
     if options.seed == 7:
         warnings.warn("overflow in something", RuntimeWarning, stacklevel=1)
+        logging.getLogger("some.library").warning("no glyph for something")
     severity = {2: "warning", 3: "failure"}.get(options.seed, "note")
     drive = drive.with_values({"motor.inertia": 2 * (drive.value("motor.inertia") or 0.5)})
     exhibits = tuple(Exhibit("record", "Fit", "time [s]", "motor speed [rad/s]", {
@@ -151,7 +153,7 @@ def test_drive_by_name_and_by_file(folder, call):
     (1, [], 0, "converged"), (2, [], 0, "warning no-fit"), (2, ["--strict"], 3, "warning no-fit"),
     (3, [], 3, "failure no-fit"), (4, [], 1, "greybox: error: wanted a gap that opens; found none. Reverse"),
     (5, [], 1, "unexpected ValueError: two lines (run again with --debug"), (6, [], 130, "interrupted"),
-    (7, [], 0, "warning: overflow in something"),
+    (7, [], 0, "converged"),
 ])
 def test_exit_codes(folder, call, seed, flags, code, words):
     found, _, err = call("greybox", "steps.parquet", "--seed", seed, "--out", "g.yaml", "--plot", "p", *flags)
@@ -280,6 +282,15 @@ def test_names_are_written_as_they_are_whatever_the_encoding_of_standard_output(
     assert json.loads(run("greybox", name, "--json", "--quiet").stdout) == yaml.safe_load(piped.stdout)
     shown = run("show", "-", stdin=piped.stdout)
     assert shown.returncode == 0 and b"motor.inertia" in shown.stdout and shown.stderr == b""
+
+
+def test_what_libraries_warn_of_is_shown_with_debug_alone(folder):
+    code = [sys.executable, "-W", "always", "-c", STUBBED.format(root=str(ROOT))]
+    words = [*code, "greybox", "steps.parquet", "--seed", "7", "--out", "g.yaml"]
+    plain, debug = (subprocess.run([*words, *more], capture_output=True, text=True) for more in ([], ["--debug"]))
+    assert plain.returncode == debug.returncode == 0
+    assert plain.stderr == "note stub: Stub.\ndrivetool greybox: converged\ndrivetool greybox: wrote g.yaml\n"
+    assert "RuntimeWarning: overflow in something" in debug.stderr and "no glyph for something" in debug.stderr
 
 
 def test_process_boundary(folder):

@@ -91,6 +91,16 @@ def test_what_cannot_be_ends_with_a_sentence(record, call, words, code, said):
     assert (record / "multi.parquet").read_bytes() == before
 
 
+@pytest.mark.parametrize("more", [(), ("--method", "periodic", "--period", "0.5")])
+@pytest.mark.parametrize("torque, speed", [(1.0, 0.0), (0.0, 1.0), (1e-300, 1e-300)])
+def test_a_channel_at_rest_has_no_response(record, call, torque, speed, more):
+    t = np.arange(4000) * 1e-3
+    write_parquet(record / "rest.parquet", {"motor_torque": (torque * np.sin(8 * np.pi * t), "Nm"),
+                                            "motor_speed": (speed * np.cos(8 * np.pi * t), "rad/s")}, 1e-3)
+    code, out, talk = call("spectra", "rest.parquet", "--out", "n.yaml", *more)
+    assert (code, out) == (1, "") and "and the sensor answers; found none" in talk
+
+
 def test_an_incoherent_record_is_written_and_ends_with_three(record, call):
     rng = np.random.default_rng(1)
     write_parquet(record / "noise.parquet", {"motor_torque": (rng.standard_normal(9000), "Nm"),

@@ -284,6 +284,13 @@ def test_every_kind_is_drawn_with_the_same_bytes(tmp_path):
         assert b"atplotlib" not in content
 
 
+def test_a_letter_that_the_font_lacks_is_no_warning():
+    """Warnings are errors here; report_figures draws the same way."""
+    plain, foreign = (plots.png(Exhibit("record", title, "time [s]", "", {"measured": (TIME, SPEED)}))
+                      for title in ("record", "試験"))
+    assert foreign.startswith(b"\x89PNG") and foreign != plain
+
+
 def test_names_follow_the_records(tmp_path):
     assert plots.file_names(EXHIBITS[:2], "steady", ["a.parquet", "b.mcap"]) == [
         "steady-a-record.png", "steady-b-record.png"]

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from drivetool.drive.chain import two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.engine import Task, free_run
 from drivetool.identify.greybox import greybox
@@ -16,6 +17,7 @@ from drivetool.identify.least_squares import marquardt_step
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, first_point, problem_of, traces_of
+from drivetool.logs.experiment import Experiment
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 from tests.recover import STEP, drive_like, experiment, gap_record, joint_error, linear_record, truth
@@ -193,6 +195,17 @@ def test_a_shaft_torque_sensor_tells_them_apart():
         assert abs(lines[name].value - true) < 4.0 * lines[name].std
         assert lines[name].std < 0.03
     assert estimate.noise["sensor_std.shaft_torque"] == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_speed_that_never_changes_is_fitted_without_a_division_by_zero():
+    """The observer repeats it without an error, which leaves no variance; warnings are errors here."""
+    t = np.arange(400) * 1e-3
+    still = Experiment("r", "r", 1e-3, 0.0, {"motor_torque": np.sin(20.0 * t), "motor_speed": np.full(400, 5.0)},
+                       ((0, 400),))
+    rig = two_mass().with_values({"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0,
+                                  "shaft.damping": 3.0, "motor.viscous": 0.8, "load.viscous": 0.4})
+    found = greybox([still], rig, Options())
+    assert np.isnan(found.fit["simulation_fit_percent"]) and found.fit["rmse"] >= 0.0
 
 
 def test_same_input_same_numbers():
