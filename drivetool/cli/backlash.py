@@ -3,6 +3,7 @@
 from drivetool.cli.step import estimator_command
 
 HELP = "The half gap from a record that opens it."
+EXAMPLE = "drivetool backlash gap.parquet --params greybox.yaml --out backlash.yaml"
 
 
 def _load():

@@ -5,6 +5,7 @@ from drivetool.cli.step import estimator_command
 
 HELP = ("Start values from a gap-free record. A third-order model, converted to inertias, "
         "stiffness and damping; or a polynomial structure of any order.")
+EXAMPLE = "drivetool blackbox steps.parquet --params steady.yaml --out blackbox.yaml"
 
 
 def _load():

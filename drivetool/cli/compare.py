@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 HELP = ("Structures side by side. Each fitted on every record and checked on all the others; "
         "mean and spread of what they find over the experiments.")
+EXAMPLE = "drivetool compare one.parquet two.parquet --structure oe --out compare.yaml"
 
 
 class ComparedName(StrEnum):

@@ -12,6 +12,7 @@ from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
 HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
+EXAMPLE = "drivetool convert steps.mcap --map map.yaml --out steps.parquet"
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
 Out = Annotated[str, typer.Option("--out", "-o", metavar="FILE.parquet", help="Where the Parquet goes.")]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 HELP = ("What the simulation gets wrong, and why. Names the physical cause, writes the extended drive, and "
         "states the gain on data held out.")
+EXAMPLE = "drivetool diagnose gap.parquet --params greybox.yaml --report page.html"
 
 Holdout = Annotated[list[str] | None, typer.Option(
     "--holdout", metavar="LOG", help="Recording that only judges; repeatable. Without one, parts of the "

@@ -11,6 +11,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.outcomes import DONE, guarded, put
 
 HELP = "The catalogue of physical effects. What each does, its parameters, and what a record must contain."
+EXAMPLE = "drivetool effects backlash"
 
 Code = Annotated[str | None, typer.Argument(metavar="[CODE]", help="One effect, in full.")]
 

@@ -5,6 +5,7 @@ from drivetool.cli.step import estimator_command
 
 HELP = ("The physical parameters, polished. By the innovations fit (default) or by "
         "simulation error; several recordings go into one fit.")
+EXAMPLE = "drivetool greybox steps.parquet --params blackbox.yaml --out greybox.yaml"
 
 
 def _load():

@@ -12,6 +12,7 @@ from drivetool.cli.inputs import Job, check_outputs
 from drivetool.cli.outcomes import guarded
 
 HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
+EXAMPLE = "drivetool inspect steps.mcap --plot pictures"
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
 

@@ -36,7 +36,8 @@ app = typer.Typer(
     name="drivetool", add_completion=False, no_args_is_help=True, rich_markup_mode=None,
     pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
 for _name, _module in COMMANDS.items():
-    app.command(_name, help=_module.HELP)(_module.command)
+    # After \b lines stay as they are, so that the example can be copied.
+    app.command(_name, help=_module.HELP, epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 
 def _version(asked: bool) -> None:

@@ -11,6 +11,7 @@ from drivetool.cli.deliver import print_findings, print_table
 from drivetool.cli.outcomes import DONE, guarded
 
 HELP = "The table of a parameter, validation or gains file."
+EXAMPLE = "drivetool show greybox.yaml"
 
 
 def command(

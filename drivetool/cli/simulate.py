@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
         "as a Parquet table.")
+EXAMPLE = "drivetool simulate steps.parquet --params greybox.yaml --out sim.parquet"
 
 Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
 Table = Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where the Parquet table goes.")]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 HELP = ("Frequency response from torque to a sensor, with coherence and uncertainty. By Welch, or over whole "
         "periods where the excitation repeats; several recordings are runs of one experiment.")
+EXAMPLE = "drivetool spectra chirp.parquet --length 1 --out spectra.yaml"
 
 
 class MethodName(StrEnum):

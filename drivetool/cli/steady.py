@@ -3,6 +3,7 @@
 from drivetool.cli.step import estimator_command
 
 HELP = "The friction line from constant speeds."
+EXAMPLE = "drivetool steady steady.parquet --out steady.yaml --plot pictures"
 
 
 def _load():

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 HELP = ("Settings of the speed controller. PI for load-torque steps under a limit of the sensitivity, "
         "with margins and what uncertainty and backlash do to them.")
+EXAMPLE = "drivetool tune --params backlash.yaml --converter 433 --out gains.yaml"
 
 
 class Form(StrEnum):

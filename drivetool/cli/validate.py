@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
         "every --params file is a model of its own.")
+EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
 
 # Findings that say that the model lacks something.
 UNEXPLAINED = {"correlation-above-limit", "residual-depends-on-input"}

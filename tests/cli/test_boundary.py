@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shlex
 import subprocess
 import sys
 import types
@@ -13,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import typer
 import yaml
 
 import drivetool
@@ -85,6 +87,16 @@ def test_help_imports_nothing_heavy():
     code = "import sys, drivetool.cli.main; print(*sorted(m for m in sys.modules if '.' not in m))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split()
     assert not {"numpy", "scipy", "pyarrow", "matplotlib", "numba", "yaml", "msgspec", "mcap"} & set(loaded)
+
+
+@pytest.mark.parametrize("command", main.COMMANDS)
+def test_every_command_has_an_example_that_parses(call, command):
+    example = main.COMMANDS[command].EXAMPLE
+    name, step, *words = shlex.split(example)
+    assert (name, step) == ("drivetool", command) and words
+    parsed = typer.main.get_command(main.app).commands[command].make_context(step, words)  # parses, runs nothing
+    assert not parsed.args and parsed.params
+    assert call(command, "--help")[1].endswith(f"\n    {example}\n") and len(example) <= 76
 
 
 @pytest.mark.parametrize("command", main.COMMANDS)
