@@ -33,7 +33,7 @@ COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra":
             "effects": effects, "show": show}
 
 app = typer.Typer(
-    name="drivetool", add_completion=False, no_args_is_help=True, rich_markup_mode=None,
+    name="drivetool", no_args_is_help=True, rich_markup_mode=None,
     pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
 for _name, _module in COMMANDS.items():
     # After \b lines stay as they are, so that the example can be copied.

@@ -99,6 +99,15 @@ def test_every_command_has_an_example_that_parses(call, command):
     assert call(command, "--help")[1].endswith(f"\n    {example}\n") and len(example) <= 76
 
 
+@pytest.mark.parametrize("words, wanted", [
+    ("drivetool gre", ["greybox"]), ("drivetool greybox --criterion f", ["frequency"]), ("drivetool xyz", [])])
+def test_a_shell_completes_words(words, wanted):
+    env = {**os.environ, "_DRIVETOOL_COMPLETE": "complete_bash", "COMP_WORDS": words,
+           "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run([sys.executable, "-m", "drivetool.cli.main"], capture_output=True, text=True, env=env)
+    assert done.stdout.split() == wanted and done.stderr == ""
+
+
 @pytest.mark.parametrize("command", main.COMMANDS)
 def test_every_command_has_help(call, command):
     code, out, err = call(command, "--help")
