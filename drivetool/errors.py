@@ -47,6 +47,10 @@ class NotEnoughData(DriveToolError):
     """The record is readable but holds too little to answer the question."""
 
 
+class Notice(UserWarning):
+    """What a user should know of the tool itself, not of a recording: the one kind of warning that is shown."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """Something a person should know about a recording, a fit or a model.

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 import typer
 
 from drivetool.cli.bar import progress_bar
-from drivetool.errors import BadOption, DriveToolError, Severity
+from drivetool.errors import BadOption, DriveToolError, Notice, Severity
 
 DONE, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -37,7 +37,7 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
     work     returns the exit code of a finished command
     debug    whether to show a traceback, and what libraries warn of; quiet: no progress bar
     """
-    with _silent_libraries(debug):
+    with _silent_libraries(command, debug):
         try:
             with progress_bar(quiet):
                 code = work()
@@ -66,15 +66,19 @@ def guarded(command: str, work: Callable[[], int], debug: bool = False, quiet: b
 
 
 @contextmanager
-def _silent_libraries(debug: bool) -> Iterator[None]:
-    """What libraries warn of is shown with --debug alone: what a user should know is a finding."""
+def _silent_libraries(command: str, debug: bool) -> Iterator[None]:
+    """What libraries warn of is shown with --debug alone: what a user should know is a finding or a notice."""
+    def show(message: Warning | str, category: type[Warning], *_, **__) -> None:
+        if issubclass(category, Notice):
+            say(command, f"warning: {message}")
+
     if debug:
         yield
         return
     last, logging.lastResort = logging.lastResort, logging.NullHandler()
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = lambda *_, **__: None
+            warnings.showwarning = show
             yield
     finally:
         logging.lastResort = last

@@ -87,7 +87,7 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     from drivetool.identify.spectra import spectra
 
     if curves is None and job.out not in (None, "-"):
-        curves = _beside(job)
+        curves = _beside(job, job.out)
     check_outputs(job, curves=curves)
     opened = open_all(job)
     try:
@@ -103,9 +103,8 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     return deliver(job, spectra_file(spectrum, Path(curves).name if curves else None), spectrum.exhibits)
 
 
-def _beside(job: Job) -> str:
+def _beside(job: Job, path: str) -> str:
     """'x.curves.parquet' beside x.yaml: not x.parquet, which may well be a recording."""
-    path = job.out
     while is_input(job, path := str(Path(path).with_suffix(".curves.parquet"))):
         pass
     return path

@@ -31,7 +31,7 @@ from pathlib import Path
 import llvmlite
 from llvmlite import binding as llvm
 
-from drivetool.errors import DriveToolError
+from drivetool.errors import DriveToolError, Notice
 
 KEPT, DAY = 3, 86400.0  # other versions' folders that stay, and any that was in use within a day [s]
 PRIVATE = 0o700
@@ -105,7 +105,7 @@ def folder() -> Path:
                              "Set NUMBA_CACHE_DIR to a folder that you alone can write to.") from None
     prune(base / name)
     warnings.warn(f"the compiled kernel is kept in {base}{how} ({'; '.join(refused)}). Set NUMBA_CACHE_DIR or "
-                  "XDG_CACHE_HOME to a folder that you alone can write to.", stacklevel=2)
+                  "XDG_CACHE_HOME to a folder that you alone can write to.", Notice, stacklevel=2)
     return base / name
 
 

@@ -310,7 +310,7 @@ def test_what_libraries_warn_of_is_shown_with_debug_alone(folder):
     words = [*code, "greybox", "steps.parquet", "--seed", "7", "--out", "g.yaml"]
     plain, debug = (subprocess.run([*words, *more], capture_output=True, text=True) for more in ([], ["--debug"]))
     assert plain.returncode == debug.returncode == 0
-    assert plain.stderr == "note stub: Stub.\ndrivetool greybox: converged\ndrivetool greybox: wrote g.yaml\n"
+    assert plain.stderr == "note no-fit: Stub.\ndrivetool greybox: converged\ndrivetool greybox: wrote g.yaml\n"
     assert "RuntimeWarning: overflow in something" in debug.stderr and "no glyph for something" in debug.stderr
 
 
