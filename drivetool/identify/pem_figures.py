@@ -118,10 +118,11 @@ class Figures:
         bottom = np.polyval(s.polynomial(bottom_letter, values)[::-1], z)
         g = top / bottom
         gradient = np.zeros((len(z), len(values)), complex)
-        for letter, factor in (("B", 1.0 / top), (bottom_letter, -1.0 / bottom)):
-            _, table = s.basis(letter)
-            powers = z[:, None] ** np.arange(len(table))
-            gradient[:, s.part(letter)] = factor[:, None] * (powers @ table)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a model that never answers has no ln G
+            for letter, factor in (("B", 1.0 / top), (bottom_letter, -1.0 / bottom)):
+                _, table = s.basis(letter)
+                powers = z[:, None] ** np.arange(len(table))
+                gradient[:, s.part(letter)] = factor[:, None] * (powers @ table)
         return g, gradient
 
 

@@ -9,6 +9,7 @@ import yaml
 
 from drivetool.check.validate import validate
 from drivetool.check.validation import ValidateOptions
+from drivetool.drive.chain import two_mass
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.files.parameter_file import load_parameters
 from drivetool.identify.compare import CompareOptions, Model, compare, spread_of
@@ -16,6 +17,7 @@ from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.spectra import SpectraOptions, spectra
 from drivetool.logs.build import open_experiment
+from drivetool.logs.experiment import Experiment
 from tests.places import FIXTURES
 
 BUS = ("prbs1", "prbs2", "chirp1", "chirp2", "sines1", "sines2")
@@ -162,6 +164,17 @@ def test_a_record_that_a_structure_cannot_be_fitted_to_is_named():
     found = compare(short, drive("bus"), CompareOptions(("oe",), order=40))
     assert [f.code for f in found.findings] == ["no-fit", "no-fit"]
     assert "oe on prbs1" in found.findings[0].text
+
+
+def test_a_sensor_at_rest_in_one_record_is_compared_without_a_division_by_zero():
+    """Its model never answers; warnings are errors here."""
+    n = 600
+    torque = np.sin(20.0 * np.arange(n) * 1e-3)
+    records = [Experiment(name, name, 1e-3, 0.0, {"motor_torque": torque, "motor_speed": speed}, ((0, n),))
+               for name, speed in (("still", np.full(n, 5.0)), ("moves", np.cumsum(torque) * 1.7e-4))]
+    found = compare(records, two_mass(), CompareOptions(("oe",)))
+    assert [(m.record, m.unstable) for m in found.models] == [("still", False), ("moves", True)]
+    assert np.isnan(found.cross["oe", "still", "still"]) and found.cross["oe", "still", "moves"] < 50.0
 
 
 def test_what_cannot_be_is_said():
