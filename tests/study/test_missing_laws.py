@@ -252,9 +252,10 @@ def test_quantiles_and_ratios():
     assert ratio(mine, mine / 2.0) == pytest.approx((2.0, 2.0, 2.0))
     noisy = ratio(mine, mine * np.exp(0.3 * rng.standard_normal(60)))
     assert noisy[1] < noisy[0] < noisy[2] and noisy[1] < 1.0 < noisy[2]
-    assert ratio(mine, np.zeros(60))[0] != ratio(mine, np.zeros(60))[0]  # nothing to divide by
     kinds = ["a", "b"] * 30
-    assert ratio(mine, np.ones(60), np.size, kinds) == (1.0, 1.0, 1.0)
+    step = np.where(np.array(kinds) == "a", 1.0, 3.0)  # of each kind as many in every draw: no spread at all
+    assert ratio(step, np.ones(60), 0.25, kinds) == (1.0, 1.0, 1.0)
+    assert ratio(step, np.ones(60), 0.5)[1:] == (1.0, 3.0)
 
 
 def test_rows_are_written_once_and_a_broken_line_again(tmp_path):
@@ -272,4 +273,25 @@ def test_rows_are_written_once_and_a_broken_line_again(tmp_path):
     table = summary([*first, *(row | {"estimator": "other", "key": row["key"].replace("regression", "other")}
                                for row in first)], "regression")
     assert "3 records with all of regression, other" in table
-    assert "heavy other" in table and "1.00 (1.00-1.00)" in table
+    assert "heavy other" in table and summary([]) == "no rows"
+
+
+def test_a_table_says_who_errs_by_how_much_more():
+    found = [made_up(error, half=0.02) | {"key": f"crank/M/{i}/1/{name}", "law": "crank", "size": "M", "seed": i,
+                                          "estimator": name}
+             for i in range(10) for name, error in (("auto", 0.03), ("simulation", 0.01), ("regression", 0.05))]
+    for row in found:
+        row["truth"]["share"] = 0.05
+    table = summary(found, "simulation")
+
+
+    def cells(title, name):
+        part = next(part for part in table.split("\n\n") if part.startswith(title))
+        return next(line for line in part.splitlines() if line.startswith(f"{name}  ")).removeprefix(name).split()
+
+    assert " ".join(cells("error of the inertia", "M")) == "3.00 / 3.00 1.00 / 1.00 5.00 / 5.00 10"
+    assert cells("error over that of simulation", "M auto") == ["3.00", "(3.00-3.00)"] * 4 + ["10"]
+    assert cells("95 %", "M simulation")[:4] == ["100", "(59-100)", "100", "(59-100)"]
+    assert cells("95 %", "M regression")[:2] == ["0", "(0-41)"]
+    assert cells("laws whose", "M auto") == ["0", "0", "crank", "crank", "1"]
+    assert cells("share of rated", "crank") == ["nan", "5.0", "nan", "10"]

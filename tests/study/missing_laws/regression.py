@@ -52,22 +52,22 @@ def least_squares(step: float, torque: np.ndarray, measured: np.ndarray, is_angl
     stands = lfilter(np.ones(STANDING_SAMPLES), 1.0, slow) > STANDING_SAMPLES - 0.5
     columns = [change, 0.5 * (speed[1:] + speed[:-1]), _side(smooth), np.ones(len(change))]
     rows = np.column_stack([filtfilt(b, a, column) for column in columns])
-    told = filtfilt(b, a, torque)
+    smooth_torque = filtfilt(b, a, torque)
     used = filtfilt(b, a, stands[1:].astype(float)) < STANDING_SHARE
     ends = int(1.0 / edge) + 1  # the filter's own transient
     used[:ends] = used[len(used) - ends:] = False
     if used.sum() < 4 * BLOCKS:
         raise ValueError("the body stands nearly all the time")
-    return _solve(rows[used], told[used])
+    return _solve(rows[used], smooth_torque[used])
 
 
-def _solve(rows: np.ndarray, told: np.ndarray) -> Fit:
+def _solve(rows: np.ndarray, torque: np.ndarray) -> Fit:
     """Least squares, with a covariance from blocks."""
     scale = np.sqrt(np.mean(rows**2, axis=0))
     scaled = rows / scale
     inverse = np.linalg.inv(scaled.T @ scaled)
-    value = inverse @ scaled.T @ told
-    scores = scaled * (told - scaled @ value)[:, None]
+    value = inverse @ scaled.T @ torque
+    scores = scaled * (torque - scaled @ value)[:, None]
     sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
     spread = inverse @ (sums.T @ sums) @ inverse * BLOCKS / (BLOCKS - 1.0)
     return Fit(value / scale, spread / np.outer(scale, scale), float(student.ppf(0.975, BLOCKS - 1)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,40 +77,33 @@ def share(hits: int, of: int, level: float = 0.99) -> tuple[float, float, float]
     return hits / of, low, high
 
 
-def median(values: np.ndarray) -> float:
-    """Of all; without a bound if half of them have none."""
-    return quantile(values, 0.5)
-
-
-def quantile(values: np.ndarray, q: float) -> float:
-    """Linear between neighbours, infinite where the upper of them is."""
-    if len(values) == 0:
+def quantile(values: np.ndarray, q: float) -> np.ndarray | float:
+    """Of the last axis, linear between neighbours; infinite where the upper of them is, NaN of nothing."""
+    if values.shape[-1] == 0:
         return float("nan")
-    ordered = np.sort(values)
-    at = q * (len(ordered) - 1)
-    low, high = ordered[int(np.floor(at))], ordered[int(np.ceil(at))]
-    return float(low if low == high else low + (at % 1.0) * (high - low))
+    ordered = np.sort(values, axis=-1)
+    at = q * (values.shape[-1] - 1)
+    low, high = ordered[..., int(np.floor(at))], ordered[..., int(np.ceil(at))]
+    with np.errstate(invalid="ignore"):  # between two that are infinite
+        return np.where(low == high, low, low + (at % 1.0) * (high - low))[()]
 
 
-def ratio(mine: np.ndarray, theirs: np.ndarray, figure: Callable[[np.ndarray], float] = median,
+def ratio(mine: np.ndarray, theirs: np.ndarray, q: float = 0.5,
           strata: Sequence[str] | None = None) -> tuple[float, float, float]:
-    """(figure of mine over that of theirs, ends of its 99 % interval): a paired bootstrap over records.
+    """(quantile of mine over that of theirs, ends of its 99 % interval): a paired bootstrap over records.
 
     mine, theirs  (n,) errors on the same records
     strata        (n,) kinds of record, each of which keeps its number
     """
-    groups = [np.arange(len(mine))] if strata is None else [
-        np.flatnonzero(np.array(strata) == kind) for kind in dict.fromkeys(strata)]
+    kinds = np.zeros(len(mine)) if strata is None else np.unique(list(strata), return_inverse=True)[1]
     rng = np.random.default_rng(BOOTSTRAP_SEED)
-
-    def over(chosen: np.ndarray | slice) -> float:
-        below = figure(theirs[chosen])
-        return figure(mine[chosen]) / below if 0.0 < below < np.inf else float("nan")
-
-    drawn = [over(np.concatenate([rng.choice(group, len(group)) for group in groups])) for _ in range(RESAMPLES)]
-    drawn = [value for value in drawn if not np.isnan(value)]
-    low, high = (quantile(np.array(drawn), q) for q in (0.005, 0.995))
-    return over(slice(None)), low, high
+    groups = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+    chosen = np.hstack([rng.choice(group, (RESAMPLES, len(group))) for group in groups])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        drawn = quantile(mine[chosen], q) / quantile(theirs[chosen], q)
+        value = quantile(mine, q) / quantile(theirs, q)
+    drawn = drawn[~np.isnan(drawn)]
+    return tuple(float(x) for x in (value, quantile(drawn, 0.005), quantile(drawn, 0.995)))
 
 
 @dataclass(frozen=True)
