@@ -98,7 +98,7 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
     """One row per channel below its topic, then what a step would get."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
     table.add_column("channel", overflow="fold", min_width=12)
-    table.add_column("role", overflow="fold", max_width=8)
+    table.add_column("role", overflow="fold", max_width=12)  # of motor_torque
     table.add_column("unit", overflow="fold")
     for title in ("Hz", "samples", "range", "step", "gaps", "spikes", "lost"):
         table.add_column(title, justify="right", no_wrap=True)
