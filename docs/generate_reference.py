@@ -18,7 +18,7 @@ from drivetool.cli.main import app
 from drivetool.drive.chain import TOTALS
 from drivetool.drive.effects import EFFECTS
 from drivetool.files.catalogue import catalogue
-from drivetool.files.schema import TITLES, kinds
+from drivetool.files.schema import TITLES, kinds, schema_of
 from drivetool.files.units import ATOMS
 from drivetool.finding_codes import STAGES
 from drivetool.logs.experiment import INPUTS, ROLE_MEANINGS, ROLES
@@ -178,7 +178,7 @@ def _range(info: Any) -> str:
 
 def files() -> str:
     """The kinds of files and their fields."""
-    found = {name: msgspec.json.schema(shape) for name, shape in kinds().items()}
+    found = {name: schema_of(shape) for name, shape in kinds().items()}
     # The same section in several files is said once.
     every = [(title, section) for schema in found.values() for title, section in schema["$defs"].items()]
     counts = Counter((title, repr(section)) for title, section in every)

@@ -38,10 +38,26 @@ def schemas() -> dict[str, str]:
     return {f"{name}.json": _text(TITLES[name], shape) for name, shape in kinds().items()}
 
 
+def schema_of(shape: type) -> dict:
+    """JSON Schema of a type of file; of several types one may have, null comes last."""
+    return _ordered(msgspec.json.schema(shape))
+
+
+def _ordered(node):
+    """Versions of msgspec list the types of a value in orders of their own."""
+    if isinstance(node, list):
+        return [_ordered(each) for each in node]
+    if not isinstance(node, dict):
+        return node
+    node = {key: _ordered(value) for key, value in node.items()}
+    if "anyOf" in node:
+        node["anyOf"] = sorted(node["anyOf"], key=lambda one: (one.get("type") == "null", json.dumps(one)))
+    return node
+
+
 def _text(title: str, shape: type) -> str:
     """One schema with its title at the top."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title,
-              **msgspec.json.schema(shape)}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title, **schema_of(shape)}
     return json.dumps(schema, indent=2, sort_keys=True, ensure_ascii=True) + "\n"
 
 
