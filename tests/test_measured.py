@@ -19,7 +19,7 @@ from drivetool.logs.channel_map import ChannelMap
 from tests.hidden.command import read, run
 
 FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")
-pytestmark = pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not FOLDER, reason="DRIVETOOL_RECORDS is not set")]
 
 
 BENCH = two_mass("A", "rad").with_values({
@@ -76,7 +76,7 @@ def test_emps_simulates_its_position_within_the_published_kind_of_error():
     assert estimate.drive.values["motor.inertia"] == pytest.approx(95.1, rel=0.05)
 
 
-@pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.study)])
+@pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     """Twenty periods of a multisine; both fits over the same seconds.
 

@@ -63,14 +63,16 @@ def reached(name: str, criterion: str, off: float, seed: int) -> tuple[bool, str
     return bool(good) and near, f"{value - best:.4g} above, worst {100 * np.max(error / true):.1f} %"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "criterion", "off"), [
     ("main", "simulation", 0.4), ("heavy", "innovations", 0.4),
-    pytest.param("three", "innovations", 0.15, marks=pytest.mark.study)])
+    pytest.param("three", "innovations", 0.15, marks=pytest.mark.slow)])
 def test_a_rough_start_reaches_the_optimum(name, criterion, off):
     good, words = reached(name, criterion, off, 2)
     assert good, words
 
 
+@pytest.mark.slow
 def test_the_estimate_says_how_its_starts_agreed():
     case = CASES["even"]
     record = case.record()
@@ -83,6 +85,7 @@ def test_the_estimate_says_how_its_starts_agreed():
             assert estimate.starts.spread[p.name] < 4.0 * p.std
 
 
+@pytest.mark.slow
 def test_friction_on_one_body_alone_is_found_from_a_sum_shared_by_rule():
     """By rule nine tenths of the viscous friction are the load's, which has none: ways that do not look fail."""
     case = CASES["main"]
@@ -96,6 +99,7 @@ def test_friction_on_one_body_alone_is_found_from_a_sum_shared_by_rule():
     assert abs(found["motor.idle_torque"].value) < 4.0 * found["motor.idle_torque"].std
 
 
+@pytest.mark.slow
 def test_a_part_that_is_held_keeps_its_value_and_so_do_parts_that_backlash_is_given():
     case = CASES["even"]
     drive = case.start().with_values({"motor.viscous": 0.02})
@@ -108,7 +112,7 @@ def test_a_part_that_is_held_keeps_its_value_and_so_do_parts_that_backlash_is_gi
     assert abs(gap.value - case.truth["shaft.half_gap"]) < 3.0 * gap.std
 
 
-@pytest.mark.study
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["innovations", "simulation"])
 @pytest.mark.parametrize("name", CASES)
 def test_twenty_rough_starts(name, criterion):

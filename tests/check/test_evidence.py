@@ -304,6 +304,7 @@ def test_what_no_sensor_measured_is_not_foretold():
     assert 0 < len(seen) < len(blocks_of((trace,))) and all(np.isfinite(t.outputs).any() for t in seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("after", "scatter", "coverage"), [
     (0.9, 0.1, (0.93, 0.97)), (0.01, 0.02, (0.93, 0.97)), (0.01, 0.5, (0.93, 0.97)), (1.1, 0.02, (0.93, 0.97))])
 def test_the_interval_of_a_gain_holds_the_gain_on_a_fresh_record(after, scatter, coverage):

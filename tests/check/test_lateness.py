@@ -47,7 +47,7 @@ def test_a_filter_that_is_found_joins_the_drive_and_one_that_is_not_there_is_rul
     assert not_ruled_out(["speed-filter", "dead-time"], [prompt]) == ["dead-time"]
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_filter_that_the_base_has_is_not_found_again(tmp_path):
     case = make_case("speed-filter", 70002, "reversing", ("motor_speed", "motor_angle"), "nominal", 3.0, 70002)
     logs, _ = case.write_records(tmp_path)

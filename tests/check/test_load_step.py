@@ -56,7 +56,7 @@ def test_a_load_that_sets_in_at_an_end_of_the_record_is_none(time, absent):
     assert ("begins or ends" in found.reason) is absent
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_found_in_the_second_of_two_records(tmp_path):
     quiet = make_case("none", MACHINE, seed=3, **SHORT)
     case = make_case("load-step", MACHINE, seed=7, **SHORT)

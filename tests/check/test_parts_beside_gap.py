@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from drivetool.check.diagnose import diagnose
 from drivetool.check.diagnosis import DiagnoseOptions
 from drivetool.drive.chain import two_mass
@@ -14,6 +16,7 @@ MILL = Machine(inertia=(3.0, 5.0), viscous=(0.3, 3.2), stiffness=(10.7e3,), damp
 FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque")
 
 
+@pytest.mark.slow
 def test_a_gap_found_parts_the_friction_of_motor_and_load():
     record, _ = reversing_record(MILL, 3, duration=8.0)
     base = two_mass().with_values(dict(zip(FREE, (3.0, 5.0, 10.7e3, 10.0, 3.5, 0.0), strict=True)))

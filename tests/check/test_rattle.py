@@ -25,6 +25,7 @@ def base_of(case):
     return base_model(Task(drive, tuple(FREE), roles_of([record], drive), (record,)))
 
 
+@pytest.mark.slow
 def test_a_gap_before_a_light_load_is_found_where_it_is():
     """Load of 18 % of the motor; from a few half gaps alone the fit ended 750 of log likelihood higher."""
     case = make_case("backlash", 361031, seed=361031)
@@ -46,7 +47,7 @@ def test_a_heavy_load_takes_no_such_search_and_a_linear_shaft_is_given_up_soon()
     assert ends and ends[0].value > light.value - 10.0  # no gap, no gain
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_gap_that_no_second_valley_confirms_has_no_interval(tmp_path):
     """The likeliest valley that is found is 8 % off, and others are close behind it."""
     case = make_case("backlash", 361028, seed=361028)
@@ -58,7 +59,7 @@ def test_a_gap_that_no_second_valley_confirms_has_no_interval(tmp_path):
     assert gap["std"] is None and gap["ci95"] is None and "warning not-settled" in answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_gap_that_a_shaft_torque_sensor_feels_is_no_wrong_scale_of_it(tmp_path):
     """Without the gap the base took that sensor for exact, and every fit of a gap ended in a wrong valley."""
     case = make_case("backlash", 371024, seed=371024, sensors=("motor_speed", "shaft_torque"))

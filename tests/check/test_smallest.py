@@ -8,6 +8,8 @@ from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask
 from tests.hidden.visibility import visible
 
+pytestmark = pytest.mark.slow
+
 MACHINE = 70012
 # Effect -> the tool's parameter, that of the label, and what the one is of the other.
 SAME = {"backlash": ("shaft.half_gap", "shaft.half_gap", lambda v: v),
@@ -41,7 +43,7 @@ def test_an_effect_of_the_smallest_visible_size_is_as_visible_as_it_says(tmp_pat
         assert 3.0 < shown(code, stated(answer)) < 12.0, code
 
 
-@pytest.mark.parametrize("code", ["coulomb-load", pytest.param("backlash", marks=pytest.mark.study)])
+@pytest.mark.parametrize("code", ["coulomb-load", pytest.param("backlash", marks=pytest.mark.slow)])
 def test_nor_is_it_hidden_behind_what_is_found(tmp_path, code):
     """A hundred times as large, an effect that the base lacks passes there for noise of the torque."""
     case = make_case(code, MACHINE, seed=MACHINE)

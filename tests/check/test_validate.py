@@ -175,6 +175,7 @@ def test_noise_across_a_gap_limits_the_free_run():
     assert low < fit < 60.0 and low < middle < 60.0
 
 
+@pytest.mark.slow
 def test_false_alarms_are_as_rare_as_stated():
     from scipy.stats import binom
 

@@ -38,6 +38,7 @@ def test_sums_written_out():
     assert found.p < 1e-6
 
 
+@pytest.mark.slow
 def test_white_residual_has_the_band_of_the_reference():
     rng = np.random.default_rng(2)
     bands = [correlate([rng.normal(size=1400)], [rng.normal(size=(1400, 1))], STEP, [], 1).band.mean()
@@ -45,6 +46,7 @@ def test_white_residual_has_the_band_of_the_reference():
     assert np.mean(bands) == pytest.approx(2.17 / np.sqrt(1400), rel=0.02)
 
 
+@pytest.mark.slow
 def test_band_is_bartletts_for_slow_series():
     rng = np.random.default_rng(3)
     runs = [correlate([slow(rng, 1400, 0.7)], [slow(rng, 1400, 0.95)[:, None]], STEP, [], 1)
@@ -62,6 +64,7 @@ NULL = {"white": (0.0, 0.0, 0.0), "slow torque": (0.0, 0.99, 0.0), "coloured res
         "closed loop": (0.0, 0.95, 2.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own, memory, feedback", NULL.values(), ids=NULL)
 def test_alarms_by_chance(own, memory, feedback):
     rng = np.random.default_rng(4)

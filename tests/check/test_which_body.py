@@ -29,6 +29,7 @@ def told(tmp_path_factory):
     return open_experiment(logs[0], None), label["plain"], name.partition(".")[0], value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("roles", "found"), [(("motor_speed",), True), (("motor_speed", "shaft_torque"), False)])
 def test_the_motor_alone_does_not_tell_whose_drag_it_is(told, roles, found):
     record, plain, owner, value = told

@@ -19,7 +19,7 @@ from tests.places import RIG
 from tests.recover import experiment
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(tmp_path):
     """The base knows the drive from steps that keep the gap closed; both records here cross it all the time."""
     truth = yaml.safe_load((RIG / "truth.yaml").read_text())["parameters"]

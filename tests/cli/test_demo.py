@@ -57,6 +57,7 @@ def test_pictures_lie_beside_the_files(out):
     assert len(list(out.glob("*-record.png"))) == 5
 
 
+@pytest.mark.slow
 def test_mcap_gives_the_same_estimate_as_parquet_and_repeats_to_the_byte(out, tmp_path):
     words = [sys.executable, "-m", "drivetool.cli.main", "greybox", "--params", str(out / "blackbox.yaml"), "--out"]
     for name in ("first.yaml", "again.yaml"):
@@ -68,6 +69,7 @@ def test_mcap_gives_the_same_estimate_as_parquet_and_repeats_to_the_byte(out, tm
         assert parquet[key] == mcap[key]
 
 
+@pytest.mark.slow
 def test_reversing_drive_is_told_apart_from_rough_starts(tmp_path):
     """Gap, Coulomb friction and the bodies' shares of friction, from one record and a rough data sheet."""
     folder = RIG.parent / "reversing"

@@ -76,6 +76,7 @@ def read(terminal):
         return b""
 
 
+@pytest.mark.slow
 def test_a_terminal_sees_the_bar_and_the_result_stays_clean(tmp_path):
     code, out, shown = on_a_terminal(tmp_path)
     assert code == 0, shown

@@ -86,6 +86,7 @@ def test_gains_file_says_everything_and_repeats_to_the_byte(folder, call):
     assert code == 0 and "impact drop" in out and "shaft.stiffness -20 %" in out and "95 % of 40 draws" in out
 
 
+@pytest.mark.slow
 def test_pictures(folder, call, monkeypatch):
     from drivetool.tune import pictures
 
@@ -118,6 +119,7 @@ def test_options_reach_the_design(folder, call):
     assert content["options"]["set"] == ["load.inertia=70"] and design["criterion_value"]["unit"] == "weighted"
 
 
+@pytest.mark.slow
 def test_tandem_side_by_side(folder, call, monkeypatch):
     from drivetool.tune import search
 
@@ -156,6 +158,7 @@ def load_step_record(path, gain, integral_time, step=5e-4):
     pq.write_table(pa.table([v for v, _ in columns.values()], schema=pa.schema(fields)), path)
 
 
+@pytest.mark.slow
 def test_validate_replays_gains_on_a_load_step(folder, call):
     (folder / "plain.yaml").write_text(TWO.partition("covariance")[0].replace(", std: 0.4", "").replace(
         ", std: 1.0", "").replace(", std: 5", ""))

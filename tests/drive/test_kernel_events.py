@@ -186,6 +186,7 @@ def test_coarse_sampling(seed, law):
     assert error < GAP_BAR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radians", "hold", "n"), [(3.0, 1, 200), (6.0, 3, 120)])
 @pytest.mark.parametrize(("law", "seed"), [("inside", 0), ("inside", 2), ("inside", 5), ("inside", 7),
                                             ("always", 1), ("always", 3), ("always", 4), ("always", 6)])

@@ -14,6 +14,7 @@ from drivetool.drive.simulate import Gains, Trace
 from tests.drive.test_kernel import STEP, THREE, changed, drive_of, levels, plant_of
 from tests.drive.test_kernel_filter import RIG
 
+pytestmark = pytest.mark.slow  # machine code of every size has to be compiled first
 N = 1500
 CASES = {
     "two": (RIG, ("motor_speed",), {}),

@@ -20,9 +20,7 @@ from tests.simulator.simulate import simulate_linear
 from tests.study import study_diagnose
 
 SHORT = {"duration": 3.0}
-SLOW = {"stribeck-load"}
-GROWING = [pytest.param(code, marks=pytest.mark.study) if code in SLOW else code
-           for code in sorted(set(KINDS) - {"wrong-sign", "wrong-sign-shaft", "torque-offset"})]
+GROWING = sorted(set(KINDS) - {"wrong-sign", "wrong-sign-shaft", "torque-offset"})
 
 
 # Machines and experiments
@@ -81,6 +79,7 @@ def test_experiments_do_what_they_are_for(seed):
 # Files and labels
 
 
+@pytest.mark.slow
 def test_files_are_the_same_bytes_again_and_say_nothing_of_the_cause(tmp_path):
     made = []
     for name in ("a", "b"):
@@ -189,6 +188,7 @@ def profile_start(case):
     return running(case.rig.machine, float(case.records[0].run.speeds[0, 0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", GROWING)
 def test_visibility_grows_with_size_from_nothing(code):
     bodies = KINDS[code].bodies
@@ -199,6 +199,7 @@ def test_visibility_grows_with_size_from_nothing(code):
     assert 1.5 * numbers[1] < numbers[2] and numbers[1] > 0.0
 
 
+@pytest.mark.slow
 def test_what_the_plain_parameters_can_imitate_is_not_visible():
     for sensors in (("motor_speed",), ("motor_speed", "shaft_torque")):
         offset = visible(make_case("torque-offset", 2, sensors=sensors, **SHORT))
@@ -218,7 +219,7 @@ def test_what_the_plain_parameters_can_imitate_is_not_visible():
     assert forward.number < 0.01 < 10.0 < forward.before
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_more_data_shows_more_and_pairs_are_told_apart():
     case = make_case("quadratic-drag", 2, size=0.005, records=2, **SHORT)
     alone = [visible(case, (), (record,)).number for record in case.records]
@@ -230,6 +231,7 @@ def test_more_data_shows_more_and_pairs_are_told_apart():
         make_case("third-mass", 2, **SHORT)).number, rel=0.02)
 
 
+@pytest.mark.slow
 def test_separation_from_itself_is_nothing_and_from_a_twin_little():
     case = make_case("dead-time", 2, bodies=1, **SHORT)
     seen = visible(case).number
@@ -243,6 +245,7 @@ def test_separation_from_itself_is_nothing_and_from_a_twin_little():
 # At the process boundary
 
 
+@pytest.mark.slow
 def test_a_null_case_is_fitted_by_the_tool(tmp_path):
     case = make_case("none", 2, sensors=("motor_speed", "load_speed"), duration=4.0)
     logs, _ = case.write_records(tmp_path)

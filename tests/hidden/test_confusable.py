@@ -30,6 +30,7 @@ def answer_to(folder: Path, effects: str | tuple, rivals: str, machine: int = MA
     return ask(folder, logs, write_start(case, folder), greybox_options(case), ["--candidates", rivals])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "rivals", "machine", "options", "open_between"), [
     ("imbalance", "imbalance,torque-ripple,coulomb-load", 71, {}, {"imbalance", "torque-ripple"}),
     ("backlash", "backlash,hardening-stiffness,coulomb-load", 72, {"size": 0.004},
@@ -38,7 +39,7 @@ def answer_to(folder: Path, effects: str | tuple, rivals: str, machine: int = MA
     ("coulomb-motor", "coulomb-motor,coulomb-load,backlash", 71, {"record": "moves"},
      {"coulomb-motor", "coulomb-load"}),
     pytest.param("friction-drift", "friction-drift,load-step,quadratic-drag", 72, {"record": "one-directional"},
-                 {"friction-drift", "load-step"}, marks=pytest.mark.study)])
+                 {"friction-drift", "load-step"}, marks=pytest.mark.slow)])
 def test_what_looks_alike_is_left_open(tmp_path, effect, rivals, machine, options, open_between):
     answer = answer_to(tmp_path, effect, rivals, machine, **options)
     assert (answer.verdict, set(answer.between)) == ("undetermined", open_between), answer.talk
@@ -55,6 +56,7 @@ def test_dry_friction_without_a_reversal_is_an_idle_torque(tmp_path):
     assert told["quadratic-drag"]["shown"] and told["quadratic-drag"]["smallest"]
 
 
+@pytest.mark.slow
 def test_an_offset_of_the_torque_is_an_idle_torque(tmp_path):
     answer = answer_to(tmp_path, "torque-offset", f"torque-offset,coulomb-motor,{EVERY_SPEED}")
     assert answer.verdict == "nothing-found", answer.talk
@@ -62,11 +64,13 @@ def test_an_offset_of_the_torque_is_an_idle_torque(tmp_path):
     assert offset["state"] == "in-the-model" and "idle torque" in offset["reason"]
 
 
+@pytest.mark.slow
 def test_a_small_stiff_third_mass_is_not_seen_from_the_motor(tmp_path):
     answer = answer_to(tmp_path, "third-mass", "third-mass,backlash,hardening-stiffness", size=0.05)
     assert answer.verdict == "nothing-found", answer.talk
 
 
+@pytest.mark.slow
 def test_a_wrong_torque_constant_scales_the_machine(tmp_path):
     case = make_case((), MACHINE, seed=MACHINE, **SHORT)
     logger = replace(Logger(), scale={"motor_torque": 1.1})
@@ -79,6 +83,7 @@ def test_a_wrong_torque_constant_scales_the_machine(tmp_path):
     assert abs(ratio - 1.1) < 0.02
 
 
+@pytest.mark.slow
 def test_dry_friction_by_direction_is_one_of_both_and_an_idle_torque(tmp_path):
     """Half as much in one direction is the mean of the two and a quarter as idle torque, exactly."""
     case = make_case((), MACHINE, seed=MACHINE, coulomb={0: 0.03}, **SHORT)

@@ -16,45 +16,50 @@ RIVALS = ("backlash", "coulomb-load", "quadratic-drag")
 LONG = [("asymmetric-friction", 16)]
 # Half as long a record shows the others.
 SHORT = {"duration": 6.0}
-BRIEF = [("friction-drift", 38), ("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4),
-         ("hardening-stiffness", 11), ("load-step", 5), ("coulomb-load", 12), ("outliers", 10),
-         ("quantisation", 21), ("wrong-sign", 8)]
-NAMED = [*[(*case, {}) for case in LONG], *[(*case, SHORT) for case in BRIEF]]
-# Among fewer rivals.
-SOON = [("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
-        ("imbalance", 36), ("dead-time", 37), ("wrong-scale", 39), ("wrong-scale-shaft", 42)]
+BRIEF = [("friction-drift", 38), ("outliers", 10), ("wrong-sign", 8)]
+# One of each kind of law, in every run of the tests: a gap, a law over speed, over angle, of the shaft, over time,
+# dry friction, what the logger does.
+KINDS = [("backlash", 5), ("quadratic-drag", 3), ("torque-ripple", 4), ("hardening-stiffness", 11),
+         ("load-step", 5), ("coulomb-load", 12), ("quantisation", 21)]
+NAMED = [*[(*case, SHORT) for case in KINDS],
+         *[pytest.param(*case, {}, marks=pytest.mark.slow) for case in LONG],
+         *[pytest.param(*case, SHORT, marks=pytest.mark.slow) for case in BRIEF]]
+# Among fewer rivals; of the torque's path one in every run.
+SOON = [("dead-time", 37), *[pytest.param(*case, marks=pytest.mark.slow) for case in (
+    ("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34), ("imbalance", 36),
+    ("wrong-scale", 39), ("wrong-scale-shaft", 42))]]
 # Two at once, and other kinds of record.
-MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.study),
+MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.slow),
         # Dry friction at the motor had stood for both, and beside it neither found to its own values.
         (("backlash", "coulomb-load"), 107000, {"seed": 107000}),
         ("backlash", 44, {"record": "closed-loop"} | SHORT),
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
         ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
         # A slow drive: what the start state is, a tenth of a second does not tell.
-        pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.study),
+        pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.slow),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
         pytest.param("third-mass", 50007, {
             "seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"), "record": "one-directional",
-            "noise": "loud"} | SHORT, marks=pytest.mark.study),
+            "noise": "loud"} | SHORT, marks=pytest.mark.slow),
         # In every one of several records.
         pytest.param("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT,
-                     marks=pytest.mark.study),
+                     marks=pytest.mark.slow),
         # Without the friction the load's share of the inertia comes out wrong, and with it the scale of the sensor.
         pytest.param(("coulomb-load", "wrong-sign-shaft"), 400004, {
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
-            "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.study),
+            "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.slow),
         # The lag that the base lacks had turned the sign into a scale of -1.03, and what came after it wrong.
         pytest.param(("wrong-sign-shaft", "converter-lag"), 500000, {
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
-            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.study),
+            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.slow),
         # Most of what a loud motor speed does not show is in the shaft torque.
         pytest.param("torque-ripple", 52001, {
             "seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud", "linear": False},
-            marks=pytest.mark.study),
+            marks=pytest.mark.slow),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
-ALL = [("third-mass", 35, SHORT), pytest.param("coulomb-motor", 47, SHORT, marks=pytest.mark.study)]
+ALL = [("third-mass", 35, SHORT), pytest.param("coulomb-motor", 47, SHORT, marks=pytest.mark.slow)]
 
 
 def answered(effect, machine, folder, labels, words, **options):
@@ -77,6 +82,7 @@ def test_a_hidden_effect_is_named(effect, machine, options, tmp_path):
     assert after <= before * 1.01
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_by_a_record_held_out(tmp_path):
     """That judges all the rest is fitted to; where it has the effect too, nothing is held out of the other."""
     case = make_case("coulomb-load", 12, **SHORT)
@@ -99,6 +105,7 @@ def test_a_hidden_effect_is_named_from_a_short_record(effect, machine, tmp_path)
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effects", "machine", "options"), MORE)
 def test_pairs_and_other_kinds_of_record(effects, machine, options, tmp_path):
     codes = (effects,) if isinstance(effects, str) else effects
@@ -108,12 +115,14 @@ def test_pairs_and_other_kinds_of_record(effects, machine, options, tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine", "options"), ALL)
 def test_a_hidden_effect_is_named_out_of_the_whole_catalogue(effect, machine, options, tmp_path):
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels", [], **options)
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", [7, 22])
 def test_nothing_is_found_where_nothing_is_hidden(machine, tmp_path):
     """With the whole catalogue; an offset of the torque (22) acts as the idle torque the base has."""
@@ -130,7 +139,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     """What gained was another optimum of the base; the lag itself was as short as is looked for."""
     rivals = "quantisation,converter-lag,third-mass,hardening-stiffness"
@@ -139,6 +148,7 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured(tmp_path):
     """By 5 %: the motor alone tells its scale to 2.3 %, together with what it says of the resonance to 0.4 %."""
     answer, causes = answered("wrong-scale-shaft", 189023, tmp_path / "records", tmp_path / "labels",
@@ -154,7 +164,7 @@ def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",
@@ -163,7 +173,7 @@ def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp_path):
     """Of a tenth of the twist: by itself the law of the shaft is worth as much, beside the friction a third."""
     answer, causes = answered(("backlash", "coulomb-load"), 189000, tmp_path / "records", tmp_path / "labels",
@@ -171,7 +181,7 @@ def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""
     answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",
@@ -180,8 +190,9 @@ def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine"), [
-    ("speed-filter", 20), ("converter-lag", 12), pytest.param("converter-lag", 20, marks=pytest.mark.study)])
+    ("speed-filter", 20), ("converter-lag", 12), pytest.param("converter-lag", 20, marks=pytest.mark.slow)])
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
@@ -191,7 +202,8 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tm
     assert alike <= set(answer.between) <= {*alike, "dead-time"}
 
 
-@pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.study)])
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     answer, causes = answered("converter-lag", machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,dead-time,backlash"],
@@ -199,7 +211,7 @@ def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     # Thirty times the damping makes up for it, and a delay that is fitted from there finds no way back.
     answer, _ = answered(("dead-time", "stribeck-load"), 300003, tmp_path / "records", tmp_path / "labels",
@@ -208,7 +220,7 @@ def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     assert answer.verdict == "undetermined" and "dead-time" in answer.between, answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path):
     # Without the load's breakaway friction one at the motor makes up for it; beside it a dry one will do.
     answer, causes = answered(("coulomb-motor", "stribeck-load"), 400203, tmp_path / "records", tmp_path / "labels",
@@ -218,7 +230,7 @@ def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     """It was fitted with the shaft torque upside down: a load without end, no friction."""
     answer, causes = answered("wrong-sign-shaft", 50034, tmp_path / "records", tmp_path / "labels", [],
@@ -230,6 +242,7 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
         assert abs(found["value"] - label[name]) < 4.0 * found["std"], name
 
 
+@pytest.mark.slow
 def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
     """No law is reached from a load and a shaft a hundred times too light and too soft; their starts are known."""
     case = make_case("coulomb-motor", 31, **SHORT)
@@ -251,10 +264,11 @@ def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
         assert abs(found["parameters"][name]["value"] - truth) < 4.0 * found["parameters"][name]["std"], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [
     pytest.param("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT,
-                 marks=pytest.mark.study),
-    pytest.param("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT, marks=pytest.mark.study),
+                 marks=pytest.mark.slow),
+    pytest.param("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT, marks=pytest.mark.slow),
     ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
 def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
                                                                                tmp_path):

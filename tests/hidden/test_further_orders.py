@@ -29,8 +29,8 @@ def answer_to(folder, machine_seed, kind, *ripples):
 
 
 @pytest.mark.parametrize(("machine", "kind", "orders"), [
-    pytest.param(943, "reversing", (6.0, 12.0), marks=pytest.mark.study),  # those of a real axis: test_measured.py
-    pytest.param(947, "closed-loop", (4.0, 9.5), marks=pytest.mark.study)])
+    pytest.param(943, "reversing", (6.0, 12.0), marks=pytest.mark.slow),  # those of a real axis: test_measured.py
+    pytest.param(947, "closed-loop", (4.0, 9.5), marks=pytest.mark.slow)])
 def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, kind, orders):
     case, answer = answer_to(tmp_path, machine, kind, (0.02, orders[0], 0.7), (0.012, orders[1], -0.4))
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
@@ -46,7 +46,7 @@ def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, k
     assert "motor.ripple3_order" not in found
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_one_order_stays_one(tmp_path):
     _, answer = answer_to(tmp_path, 943, "reversing", (0.02, 6.0, 0.7))
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk

@@ -26,8 +26,9 @@ def steps(size, *steps):
     return load
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("machine", "kind", "changes"), [
-    pytest.param(951, "closed-loop", ((2.2, 0.06), (4.1, -0.06)), marks=pytest.mark.study),  # a strip goes through
+    pytest.param(951, "closed-loop", ((2.2, 0.06), (4.1, -0.06)), marks=pytest.mark.slow),  # a strip goes through
     (955, "reversing", ((1.7, 0.05), (4.3, 0.04)))])  # beside the first of them the second hardly shows
 def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path, machine, kind, changes):
     case = make_case("none", machine, record=kind, seed=2, duration=6.0)
@@ -44,7 +45,7 @@ def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path
     assert "load.step3_torque" not in answer.parameters
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_ripple_is_found_on_an_axis_that_turns_back_and_forth_by_one_turn(tmp_path):
     case = make_case("none", 941, seed=3, duration=8.0)
     rig, size, order = case.rig, round(8.0 / STEP), 6.0

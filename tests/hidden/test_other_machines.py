@@ -20,7 +20,7 @@ PLAIN = ["--hold", "motor.coulomb"]
 CANDIDATES = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness,load-step"]
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_cause_is_named(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     machine = case.rig.machine
@@ -39,6 +39,7 @@ def test_a_record_held_out_that_was_made_with_other_friction_is_told_and_no_caus
     assert content["diagnosis"]["sentence"].startswith("The records differ")
 
 
+@pytest.mark.slow
 def test_a_record_held_out_of_the_same_machine_differs_in_nothing(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     record = log(tmp_path, case, profile("reversing", case.rig, 4))
@@ -47,7 +48,7 @@ def test_a_record_held_out_of_the_same_machine_differs_in_nothing(tmp_path):
     assert answer.verdict == "nothing-found" and "differs" not in answer.talk
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_mass_in_front_of_the_load_and_its_sensor_is_a_third_mass_too(tmp_path):
     case = make_case("none", 931, seed=6, duration=6.0, sensors=("motor_speed", "load_speed"))
     plain, plan = case.rig.machine, profile("reversing", case.rig, 931)

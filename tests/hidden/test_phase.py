@@ -12,7 +12,8 @@ from tests.study.study_diagnose import told
 FREE = ["load.imbalance_sine", "load.imbalance_cosine"]
 
 
-@pytest.mark.parametrize("records", [1, pytest.param(2, marks=pytest.mark.study)])
+@pytest.mark.slow
+@pytest.mark.parametrize("records", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_imbalance_from_the_motor_speed(tmp_path, records):
     case = make_case("imbalance", 12, seed=4, records=records, duration=8.0)
     logs, _ = case.write_records(tmp_path)

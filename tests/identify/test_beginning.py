@@ -38,7 +38,7 @@ def test_sensors_are_not_heard_before_the_first_torque_has_come_through(delay, f
     assert np.all(np.isfinite(led.signals["motor_torque"]))
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_record_that_begins_under_another_torque_tells_the_dead_time(tmp_path):
     """The torque before it was zero: held to be that of the first sample, the dead time came out eleven errors off.
 

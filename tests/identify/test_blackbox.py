@@ -229,6 +229,7 @@ def test_short_and_noisy_shows_the_resonance(seed):
     assert found["value"] == pytest.approx(np.sqrt(ks * (jm + jl) / (jm * jl)) / (2 * np.pi), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 5])
 def test_closed_loop_is_not_biased(seed):
     machine = machine_by_seed(seed)

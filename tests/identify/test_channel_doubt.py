@@ -32,7 +32,8 @@ def doubts(machine, signals, record):
     return {f.code for f in estimate.findings} & {"unit-doubted", "sign-doubted"}
 
 
-@pytest.mark.parametrize("seed", [20, pytest.param(23, marks=pytest.mark.study)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [20, pytest.param(23, marks=pytest.mark.slow)])
 def test_a_torque_upside_down_is_said(seed):
     machine = machine_by_seed(seed)
     record = linear_record(machine, seed, duration=3.0)

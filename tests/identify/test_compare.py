@@ -51,6 +51,7 @@ def figure(found, structure, name):
     return next(s for s in found.spread if (s.structure, s.name) == (structure, name))
 
 
+@pytest.mark.slow
 def test_on_the_linear_axis_all_structures_agree_with_each_other_and_the_truth():
     """OE and BJ, and the physical model with K = 0 and K != 0."""
     found = robot("linear", "oe", "bj", "physical", "physical-innovations")
@@ -72,6 +73,7 @@ def test_on_the_linear_axis_all_structures_agree_with_each_other_and_the_truth()
         "oe": 0, "bj": 4, "physical": 0, "physical-innovations": 1}
 
 
+@pytest.mark.slow
 def test_on_the_axis_with_gap_and_friction_it_is_as_published():
     """Output error simulates best, and the low amplitude has the lower notch and fits nothing else."""
     found = robot("gap", "oe", "innovations")
@@ -100,6 +102,7 @@ def test_the_reference_makes_the_indirect_estimate_in_closed_loop():
     assert "closed-loop" in codes
 
 
+@pytest.mark.slow
 def test_bus_means_over_six_experiments():
     """Means within two standard errors of the truth; the spread is what the fits state."""
     found = compare([record("bus", n) for n in BUS], drive("bus"), CompareOptions(("oe", "innovations")))
@@ -132,6 +135,7 @@ def test_bus_fits_pass_the_residual_test_on_another_record(criterion):
     assert check.max_correlation < 0.15 and check.correlation_p > 1e-3 and check.passed
 
 
+@pytest.mark.slow
 def test_standstill_with_held_wheels_and_an_acceleration_test():
     """Shaft and motor from standstill, then mass and rolling resistance from constant torque."""
     still = drive("bus").with_values({

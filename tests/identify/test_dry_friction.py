@@ -46,7 +46,8 @@ def pushes(machine: Machine, back: float) -> np.ndarray:
     return machine.rated_torque * np.concatenate(parts)
 
 
-@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.study)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.slow)])
 def test_it_is_fitted_where_the_drive_hardly_turns_back(seed):
     machine = dry(seed)
     one, run = record(machine, pushes(machine, 0.08), at_rest(machine), seed)
@@ -66,6 +67,7 @@ def test_a_drive_that_stops_but_never_turns_back_keeps_what_was_given():
     assert fit_of(machine, 0.8 * machine.coulomb[0], one).status == "held"
 
 
+@pytest.mark.slow
 def test_a_drive_that_never_stops_keeps_what_was_given():
     machine = dry(4)
     rng = np.random.default_rng(1)

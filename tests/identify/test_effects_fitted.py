@@ -19,7 +19,8 @@ SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
 
 
 @pytest.mark.parametrize("criterion", ["innovations", "simulation"])
-@pytest.mark.parametrize("gap", [False, True], ids=["no gap", "gap"])
+@pytest.mark.parametrize("gap", [
+    pytest.param(False, id="no gap"), pytest.param(True, id="gap", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
 def test_an_effect_is_fitted_from_nothing(effect, gap, criterion):
     """Some effects have a state of their own, which a drive without them lacks."""

@@ -72,7 +72,8 @@ def start():
                                                                  strict=True)})
 
 
-@pytest.mark.parametrize("weighting", ["variance", pytest.param("coherence", marks=pytest.mark.study)])
+@pytest.mark.slow
+@pytest.mark.parametrize("weighting", ["variance", pytest.param("coherence", marks=pytest.mark.slow)])
 def test_the_truth_is_found_and_the_intervals_hold(weighting):
     """20 records x four parameters: 80 intervals, 76 expected to hold; below 68 is 4 std away.
 
@@ -98,6 +99,7 @@ def test_maximum_likelihood_is_the_sharper_weighting():
     assert np.all(np.array(stds[0]) < 1.05 * np.array(stds[1])) and np.mean(np.divide(*stds)) < 0.8
 
 
+@pytest.mark.slow
 def test_frequency_and_time_domain_agree():
     e = record(7)
     free = tuple(TRUE)
@@ -107,6 +109,7 @@ def test_frequency_and_time_domain_agree():
         assert abs(a.value - b.value) < 3.0 * np.hypot(a.std, b.std), name
 
 
+@pytest.mark.slow
 def test_a_missing_body_is_found():
     u = np.tile(multisine(np.arange(1.0, 60.0, 0.5), 0.1, 2.0, STEP, 3), 8)
     run = simulate_linear(ROBOT, u, STEP)

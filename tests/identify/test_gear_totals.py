@@ -80,6 +80,7 @@ def lines(estimate):
     return {p.name: p for p in estimate.parameters}
 
 
+@pytest.mark.slow
 def test_a_sum_across_a_gear_is_found_with_its_interval():
     """Black box, then grey box with the sum free and with its parts shared unlike the rule."""
     for machine in (GEARED, replace(GEARED, viscous=(0.0, VISCOUS * GEAR**2))):

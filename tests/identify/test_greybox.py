@@ -175,6 +175,7 @@ def test_a_sensor_with_a_value_at_every_fourth_sample_is_weighed_rightly():
         assert abs(lines[name].value - truth(MACHINE)[name]) < 4.0 * lines[name].std
 
 
+@pytest.mark.slow
 def test_repeating_errors_of_a_second_sensor_are_said_too():
     estimate = greybox([with_load_angle(lambda angle: 2e-3 * np.sin(angle))], start(), Options())
     assert "innovations-correlated" in {f.code for f in estimate.findings}
@@ -262,6 +263,7 @@ def test_the_start_speed_of_a_body_without_mass_stays():
     assert abs(own[0]) < np.abs(speed).max()
 
 
+@pytest.mark.slow
 def test_a_gap_that_may_have_opened_is_said_where_errors_stay_correlated():
     machine = machine_by_seed(21, gap=0.2)
     values = truth(machine)

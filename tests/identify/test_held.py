@@ -16,6 +16,7 @@ def told(estimate):
     return {f.text.split()[0]: f.evidence for f in estimate.findings if f.code == "held-value-contradicted"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.8, 1.0, 1.25])
 def test_a_stiffness_that_is_held(off):
     values = truth(MACHINE)
@@ -29,7 +30,7 @@ def test_a_stiffness_that_is_held(off):
         assert found["shaft.stiffness"]["log_likelihood_gain"] > 100.0
 
 
-@pytest.mark.study
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.85, 1.0, 1.15])
 def test_a_half_gap_from_the_data_sheet(off):
     case = CASES["main"]

@@ -12,7 +12,7 @@ from tests.hidden.profiles import profile
 DEFAULT = 0.69
 
 
-@pytest.mark.study
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "damping"), [(71001, 1.0), (71002, DEFAULT)])
 def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_path, seed, damping):
     """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
@@ -31,6 +31,7 @@ def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_
         assert abs(line["value"] - damping) < 3.5 * line["std"] < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [181014, 71003])
 def test_a_filter_of_first_order_is_not_called_an_overdamped_one_of_second(tmp_path, seed):
     """Which is likelier by a hair on any record, and has two values that none tells."""

@@ -84,6 +84,7 @@ def test_a_strong_torque_noise_is_not_in_doubt():
     assert from_noise_doubt(outcome.problem, outcome.fit) is None
 
 
+@pytest.mark.slow
 def test_intervals_hold_where_the_likeliest_torque_noise_is_often_none():
     count, errors, squares = 120, [], []
     for seed in range(count):

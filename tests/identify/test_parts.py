@@ -33,6 +33,7 @@ def recorded(size=4000, machine=MACHINE, loud=1.0):
                       shaft_torque=run.shaft_torques[:, 0] + loud * white_noise(size, 0.05, 4))
 
 
+@pytest.mark.slow
 def test_a_shaft_torque_tells_the_motor_from_what_it_drives_and_no_more():
     record, start = recorded(), three_mass().with_values({n: 1.02 * v for n, v in TRUE.items()})
     found = {p.name: p for p in greybox([record], start, Options()).parameters}
@@ -49,6 +50,7 @@ def test_a_shaft_torque_tells_the_motor_from_what_it_drives_and_no_more():
         assert found[f"{body}.viscous"].value == pytest.approx(viscous, abs=3.0 * found[f"{body}.viscous"].std)
 
 
+@pytest.mark.slow
 def test_an_interval_allows_for_friction_between_that_is_counted_with_the_last_body():
     """It damps the shafts as their own damping does: without that allowance one is 8.1 standard errors off."""
     machine = replace(MACHINE, viscous=(0.1, 0.3, 0.0))
@@ -61,6 +63,7 @@ def test_an_interval_allows_for_friction_between_that_is_counted_with_the_last_b
         assert abs(found[name].value - TRUE[name]) < 3.0 * found[name].std, name
 
 
+@pytest.mark.slow
 def test_the_sum_stays_one_where_only_the_motor_is_measured():
     record, start = recorded(), three_mass().with_values({n: 1.02 * v for n, v in TRUE.items()})
     alone = experiment(record.signals["motor_torque"], record.signals["motor_speed"])
@@ -78,6 +81,7 @@ def test_however_a_sum_is_parted_the_motor_feels_as_much(ratio):
             assert task.drive.felt(total.partition(".")[2]) == pytest.approx(whole, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_idle_torques_that_cancel_are_told_by_a_shaft_torque():
     """Their sum is nothing, shared out by rule each is nothing too: the fit had no idle torque at all."""
     machine = replace(MACHINE, idle_torque=(2.0, 0.0, -2.0))

@@ -17,6 +17,7 @@ from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 
 
+@pytest.mark.slow
 def test_two_starts_that_agree_on_a_lower_peak_do_not_decide(tmp_path: Path):
     # A load of an eighth of the motor's inertia that rattles: two starts of four agree on a half gap of 0.0524.
     case = make_case(("backlash", "coulomb-load"), 107000, seed=107000)

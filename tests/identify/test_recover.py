@@ -49,9 +49,8 @@ def test_linear_machine_is_recovered_within_its_joint_uncertainty(fitted, seed):
 
 # 25 and 31, and from 43 on: loads of 0.10 to 0.18 of the motor's inertia, which the motor hardly feels. 43 and 278
 # cross the gap, 278 only once there and back; 25, 144 and 240 open it and never reach its other side.
-# Those that take longest are left to `make study`.
-@pytest.mark.parametrize("seed", [20, 21, 23, 24, 25, 26, 28, 240, *[
-    pytest.param(seed, marks=pytest.mark.study) for seed in (22, 27, 31, 43, 144, 278)]])
+@pytest.mark.parametrize("seed", [20, *[pytest.param(seed, marks=pytest.mark.slow) for seed in (
+    21, 22, 23, 24, 25, 26, 27, 28, 31, 43, 144, 240, 278)]])
 def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     machine = machine_by_seed(seed, gap=0.2)
     record, run = gap_record(machine, seed)
@@ -72,6 +71,7 @@ def test_gap_is_recovered_after_the_linear_parameters(fitted, seed):
     assert abs(line.value - true) < 4.0 * line.std
 
 
+@pytest.mark.slow
 def test_a_gap_that_is_never_crossed_has_no_interval_from_a_grey_box_either(fitted):
     # A narrower one, whose other side the load grazes by chance, seems to be known to a few per cent.
     machine = machine_by_seed(144, gap=0.2)
@@ -85,6 +85,7 @@ def test_a_gap_that_is_never_crossed_has_no_interval_from_a_grey_box_either(fitt
     assert 0.5 * true < finding.evidence["at_least"] <= true
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_within_a_gap_that_is_never_crossed(fitted):
     # The start keeps its distance from the side that is met, open or closed: else the load falls through.
     machine = machine_by_seed(144, gap=0.2)
@@ -100,6 +101,7 @@ def test_a_record_that_begins_within_a_gap_that_is_never_crossed(fitted):
         assert abs(lines[name].value - true) < 4.0 * lines[name].std and lines[name].std < 0.02 * true
 
 
+@pytest.mark.slow
 def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
     # The gap-free record gives its inertia and stiffness to a few per cent, the contacts ten times better.
     machine, linear = machine_by_seed(237, gap=0.2), fitted(237)
@@ -115,6 +117,7 @@ def test_the_linear_parameters_of_a_light_load_are_fitted_again(fitted):
             assert line.std < 0.3 * before[line.name]
 
 
+@pytest.mark.slow
 def test_the_fit_of_a_light_load_is_reproducible(fitted):
     machine, linear = machine_by_seed(240, gap=0.2), fitted(240)
     record, _ = gap_record(machine, 240)
@@ -132,6 +135,7 @@ def test_a_light_load_whose_inertia_is_to_be_held_gets_a_warning_and_no_interval
     assert all(p.status == "held" for p in estimate.parameters if p.name != "shaft.half_gap")
 
 
+@pytest.mark.slow
 def test_a_light_load_gets_a_warning_and_no_interval(fitted):
     machine = machine_by_seed(31, gap=0.2)  # load 0.14 of the motor
     record, _ = gap_record(machine, 31)
@@ -154,6 +158,7 @@ def reversing_fit(seed):
     return backlash([record], drive, Options(free=free)), machine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
     estimate, machine = reversing_fit(seed)
@@ -163,7 +168,7 @@ def test_gap_and_friction_are_recovered_together_from_a_reversing_record(seed):
     assert abs(line.value - machine.half_gap[0]) < max(0.05 * machine.half_gap[0], 3.0 * line.std)
 
 
-@pytest.mark.study
+@pytest.mark.slow
 def test_a_fit_that_does_not_settle_states_no_interval():
     # A stiff drive that rattles: two hundred contacts in ten seconds.
     estimate, machine = reversing_fit(40)

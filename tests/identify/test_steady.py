@@ -110,6 +110,7 @@ def test_several_records_are_one_line():
     assert [name for name, _ in found.data] == ["log.parquet", "other.parquet"]
 
 
+@pytest.mark.slow
 def test_intervals_hold():
     """Binomial test at a family error of 1e-3 over two parameters: 240 records, 95 % intervals."""
     count = 240

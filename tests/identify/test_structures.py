@@ -134,6 +134,7 @@ def test_no_chain_where_notch_and_resonance_do_not_alternate():
 # what comes out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["oe", "bj", "innovations"])
 def test_a_chain_of_three_is_found_with_intervals_that_hold(kind):
     """All ten parameters of the linear robot axis, and the notch of the reference page."""
@@ -171,6 +172,7 @@ def test_order_by_held_out_score():
     assert advice.evidence["held_out_fit_percent_2"] == pytest.approx(scores[3])
 
 
+@pytest.mark.slow
 def test_three_bodies_are_asked_for_where_two_do_not_suffice():
     e = record(ROBOT, 1, noise=0.05, top=60.0, amplitude=0.3)
     estimate = blackbox([e], two_mass(), Options(structure="oe"))
@@ -252,6 +254,7 @@ def closed_loop(seed, gain=6.0, n=12_000, colour=0.97):
     return experiment(gain * (r - y), y), b
 
 
+@pytest.mark.slow
 def test_in_closed_loop_the_right_noise_model_is_unbiased_and_its_lack_is_found():
     first = {}
     for kind in ("oe", "bj"):

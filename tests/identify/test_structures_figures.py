@@ -94,6 +94,7 @@ def test_the_noise_is_that_of_the_restricted_likelihood(seed):
     assert abs(best - likeliest) > 0.15 * std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_of_noise_is_a_failure(kind):
     rng = np.random.default_rng(4)

@@ -164,12 +164,14 @@ def test_allowed_gains_are_those_that_keep_the_limit(drive, integral_time, limit
             assert inside == (stable and ms < limit), (gain, ms, ends)
 
 
+@pytest.mark.slow
 @settings(max_examples=4, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IE"]))
 def test_a_lower_limit_never_lowers_the_criterion(drive, kind):
     lowering(drive, kind)
 
 
+@pytest.mark.slow
 @pytest.mark.fuzz
 @settings(max_examples=25, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IE"]))
@@ -214,6 +216,7 @@ def test_a_wide_limit_allows_the_gains_up_to_the_border_of_stability(name, limit
     assert low < 0.1 * AT[name].gain and 0.9 / limit < 1.0 - high / border + 1e-3 < 1.5 / limit + 2e-3
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IT2SE"]))
 def test_no_point_of_a_plane_is_better_than_the_optimum(drive, kind):

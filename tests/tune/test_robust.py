@@ -69,6 +69,7 @@ def test_a_covariance_that_is_none(matrix):
         draw(HEAVY, Covariance(COVARIANCE.names, np.array(matrix)), 10, 1)
 
 
+@pytest.mark.slow
 def test_confidence_holds_over_the_draws_and_costs_no_more_than_it_must():
     draws = draw(HEAVY, COVARIANCE, 120, 1)
     nominal = task(build(HEAVY, Wiring()), criterion("ISE"), Limits(2.0))
@@ -165,6 +166,7 @@ def test_hunting_is_found_where_the_describing_function_puts_it():
     assert found.cycle.hunts and found.cycle.frequency == pytest.approx(border, rel=0.03)
 
 
+@pytest.mark.slow
 def test_hunting_against_the_independent_simulator():
     (found,) = watch(build(CYCLING, FILTERED), CYCLING_AT)
     # A discrete controller without the filter, whose lag is put into the dead time instead.

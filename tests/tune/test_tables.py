@@ -63,6 +63,7 @@ def test_column_of_the_tandem_tables_at_its_own_gains(column):
         assert found.torque_overshoot[motor] == pytest.approx(printed, abs=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", TABLES_4, ids=lambda c: f"{c.plant}-{c.configuration}")
 def test_optimum_of_the_tandem_tables_is_reached(column):
     loop = build(tandem(column.plant), Wiring(column.configuration, MOTORS, dead_time=PRINTED))
