@@ -8,6 +8,11 @@ import pytest
 hypothesis.settings.register_profile("drivetool", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("drivetool")
 
+# Parts of the kernel that `make test` needs: of one, two and three bodies with few smooth laws. The first part of a
+# group brings the others. Whatever else a test asks for is compiled when it does.
+SIZED = ("1_1", "3_1", "3_2", "3_4", "4_1", "4_2", "4_3", "5_1", "5_2", "6_1", "6_2", "6_3", "6_4")
+KERNEL = ("run", "run_3", "run_4", "run_5", "run_6", "run_laws", "switch_late", "spread_3", "spread_4", "spread_5",
+          "spread_6", *(f"law_columns_{size}" for size in SIZED))
 LONG = 15.0  # s of processor time: only a hidden effect asked for at the command line may take more in `make test`
 
 
@@ -16,13 +21,16 @@ def pytest_addoption(parser):
 
 
 def pytest_sessionstart(session):
-    """Compile the kernel once, before workers start that would wait for one another."""
+    """Compile what most tests need of the kernel, before workers start that would wait for one another.
+
+    The rest is compiled when it is first called.
+    """
     config = session.config
     if hasattr(config, "workerinput") or config.option.collectonly:
         return
     from drivetool.drive import machine_code
 
-    machine_code.prepare()
+    machine_code.prepare(KERNEL)
 
 
 def used() -> float:

@@ -92,8 +92,11 @@ def say(command: str, text: str) -> None:
 def put(text: str) -> None:
     """A file on standard output: the same bytes as on disk, whatever encoding a terminal would like."""
     sys.stdout.flush()
-    sys.stdout.buffer.write(text.encode("utf-8"))
-    sys.stdout.buffer.flush()
+    if (buffer := getattr(sys.stdout, "buffer", None)) is None:  # a notebook's, or text kept in memory
+        sys.stdout.write(text)
+        return
+    buffer.write(text.encode("utf-8"))
+    buffer.flush()
 
 
 def _failed(command: str, text: str, debug: bool) -> int:

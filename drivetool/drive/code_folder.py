@@ -44,7 +44,7 @@ MARKER = "CACHEDIR.TAG"
 MARK = b"""Signature: 8a477f597d28d172789f06886806bc55
 # Machine code of drivetool's kernel. It may be deleted at any time, and is compiled again.
 """
-OURS = ("*.o", "*.part", "lock", "*.nbi", "*.nbc")  # other files written here; the last two by Numba for tune
+OURS = ("*.o", "*.part", "lock", "*.code")  # other files written here; the last for tune
 OF_NUMBA = "tune_*"  # the folder in which it does so
 
 _temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends
@@ -82,7 +82,8 @@ def folder() -> Path:
     """Where the machine code of this version is kept.
 
     The first place that is safe: NUMBA_CACHE_DIR if it is set, else beside the sources; the user's cache; a folder
-    of the user's among the temporary files, or one for this process only. Of the last two a warning tells.
+    of the user's among the temporary files, or one for this process only. A warning tells of the last two, and of a
+    NUMBA_CACHE_DIR that is passed over.
 
     raises  DriveToolError: no place takes a file
     """
@@ -91,6 +92,9 @@ def folder() -> Path:
         why = obstacle(place / name)
         if not why:
             prune(place / name)
+            if refused and os.environ.get("NUMBA_CACHE_DIR"):
+                warnings.warn(f"the compiled kernel is kept in {place}, for NUMBA_CACHE_DIR cannot be used: "
+                              f"{refused[0]}.", Notice, stacklevel=2)
             return place / name
         refused.append(why)
     try:
@@ -149,6 +153,17 @@ def _refused(status: os.stat_result, last: bool) -> str:
     if status.st_mode & OTHERS_WRITE and (last or not status.st_mode & stat.S_ISVTX):
         return "can be written to by others"
     return ""
+
+
+def read_regular(place: Path) -> bytes | None:
+    """The bytes of a regular file, else None: a link is not followed, a pipe not waited for."""
+    how = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+    with suppress(OSError):
+        number = os.open(place, how)
+        with os.fdopen(number, "rb") as file:
+            if stat.S_ISREG(os.fstat(number).st_mode):
+                return file.read()
+    return None
 
 
 def write_whole(place: Path, content: bytes) -> None:

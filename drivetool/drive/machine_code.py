@@ -20,7 +20,7 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.code_folder import PRIVATE, folder, write_whole
+from drivetool.drive.code_folder import PRIVATE, folder, read_regular, write_whole
 from drivetool.drive.system import MADE_FOR, MOST_LAWS, MOST_STATES
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
@@ -163,9 +163,8 @@ def store(place: Path, name: str, code: bytes) -> None:
 
 def whole(name: str) -> bytes | None:
     """The machine code of a part; None if it is missing, damaged, or another's."""
-    try:
-        kept = object_file(name).read_bytes()
-    except OSError:
+    kept = read_regular(object_file(name))
+    if kept is None:
         return None
     code, digest = kept[:-DIGEST], kept[-DIGEST:]
     return code if digest == _digest(folder(), name, code) else None

@@ -6,14 +6,20 @@ change any of this without notice: a test names each, and the bounds in pyprojec
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import pickle
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from llvmlite import ir
-from numba import types
+from numba import config, njit, types
 from numba.core import cgutils, codegen
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.compiler import Compiler
 from numba.core.typing.templates import AttributeTemplate
 from numba.np.arrayobj import populate_array
+
+from drivetool.drive.code_folder import folder, read_regular, write_whole
 
 __all__ = ["AttributeTemplate"]  # for who describes attributes of a type
 
@@ -29,6 +35,52 @@ class Apart(Compiler):
     def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
         flags.noalias = True
         super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
+class Sealed(IndexDataCacheFile):
+    """Compiled code of one function, by signature, in one file behind a digest.
+
+    Numba's own two files are unpickled as they are: damaged ones end the process, or run code of another function.
+    """
+
+    def flush(self):
+        write_whole(self._place(), b"")
+
+    def load(self, key):
+        kept = self._entries().get(key)
+        return None if kept is None else pickle.loads(kept)
+
+    def save(self, key, data):
+        content = pickle.dumps((self._version, self._source_stamp, {**self._entries(), key: self._dump(data)}))
+        write_whole(self._place(), self._digest(content) + content)
+
+    def _entries(self) -> dict:
+        """Empty if the file is missing, damaged, another function's, or of other sources."""
+        kept = read_regular(self._place()) or b""
+        size = hashlib.sha256().digest_size
+        if kept[:size] != self._digest(kept[size:]):
+            return {}
+        version, stamp, entries = pickle.loads(kept[size:])
+        return entries if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _digest(self, content: bytes) -> bytes:
+        return hashlib.sha256(f"{folder().name}/{self._index_name}\n".encode() + content).digest()
+
+    def _place(self) -> Path:
+        return Path(self._index_path).with_suffix(".code")
+
+
+def kept_in_folder(function: Callable, **options) -> Callable:
+    """Compile when it is called, and keep the code in the kernel's folder; options as of numba.njit."""
+    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder())
+    try:
+        kept = FunctionCache(function)
+    finally:
+        config.CACHE_DIR = chosen
+    kept._cache_file = Sealed(kept._cache_path, kept._impl.filename_base, kept._impl.locator.get_source_stamp())
+    compiled = njit(**options)(function)
+    compiled._cache = kept
+    return compiled
 
 
 def leave_to_the_end() -> None:

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import config, njit
 
-from drivetool.drive.code_folder import folder
+from drivetool.drive.numba_private import kept_in_folder
 
 MOST = 4096  # extrema kept
 BLOCK, BLOCKS = 12, 40000  # steps of one length, and how often that length is chosen anew
@@ -23,12 +22,8 @@ DEAD = 1e-10  # share of the first integral below which what is left to come is 
 
 
 def compiled(function: Callable) -> Callable:
-    """Compile; Numba keeps the code in the kernel's folder, for its own places may be read-only or unsafe."""
-    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder())
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    finally:
-        config.CACHE_DIR = chosen
+    """Compile; the code is kept in the kernel's folder, for Numba's own places may be read-only or unsafe."""
+    return kept_in_folder(function, error_model="numpy")
 
 
 @compiled

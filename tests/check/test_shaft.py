@@ -96,6 +96,7 @@ def test_a_factor_gains_nothing_where_the_sensor_says_nothing(factor):
     assert abs(lead_of(factor, [task])) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", [False, True])
 def test_a_base_of_three_bodies_led_astray_is_left_for_where_it_began(told):
     """Loads hundreds of times too light, shafts a hundred times too soft, as a sensor upside down leaves them."""

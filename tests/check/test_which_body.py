@@ -50,6 +50,7 @@ def test_the_motor_alone_does_not_tell_whose_drag_it_is(told, roles, found):
         assert "Log the shaft torque" in notes[0].action
 
 
+@pytest.mark.slow
 def test_of_a_chain_the_likeliest_other_body_is_named():
     """Drag of the middle body, which moves as the last one does behind a stiff shaft."""
     machine = replace(MACHINE, effects=replace(MACHINE.effects, quadratic=(0.0, 0.02, 0.0)))

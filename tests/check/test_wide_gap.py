@@ -42,6 +42,7 @@ def test_a_gap_wider_than_the_twist_is_named_by_a_fit_that_has_arrived(tmp_path)
     assert answer.gain["held_out_rmse_before"] == pytest.approx(5.1, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("twists", "machine"), [(1.0, 96101), (5.0, 96105), (10.0, 96110)])
 def test_gaps_many_times_the_twist_are_looked_at(twists, machine):
     """A stiff shaft in a worn coupling; the load has a sensor, without which nothing tells where it flies."""

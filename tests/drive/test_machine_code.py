@@ -194,8 +194,8 @@ def test_a_whole_file_is_loaded_as_it_is(kept):
 
 def test_what_was_checked_is_what_is_loaded(monkeypatch, kept):
     """A file that changes meanwhile is not read twice."""
-    reads, read = [], Path.read_bytes
-    monkeypatch.setattr(Path, "read_bytes", lambda file: reads.append(file.name) or read(file))
+    reads, read = [], machine_code.read_regular
+    monkeypatch.setattr(machine_code, "read_regular", lambda file: reads.append(file.name) or read(file))
     monkeypatch.setattr(machine_code, "_engine", lambda: Mock(get_function_address=lambda _: 1))
     assert machine_code._loaded(SMALL) == 1 and reads == [f"{SMALL}.o"]
 

@@ -31,6 +31,15 @@ USED = {
     "numba.core.compiler:Flags.no_cpython_wrapper": None,
     "numba.core.compiler:Flags.no_cfunc_wrapper": None,
     "numba.core.compiler:Flags.forceinline": None,
+    # code kept between calls, for tune
+    "numba.core.caching:FunctionCache.__init__": "self py_func",
+    "numba.core.caching:IndexDataCacheFile.__init__": "self cache_path filename_base source_stamp",
+    "numba.core.caching:IndexDataCacheFile.load": "self key",
+    "numba.core.caching:IndexDataCacheFile.save": "self key data",
+    "numba.core.caching:IndexDataCacheFile.flush": "self",
+    "numba.core.caching:IndexDataCacheFile._dump": "self obj",
+    "numba.core.caching:CacheImpl.filename_base": None,
+    "numba.core.caching:CacheImpl.locator": None,
     # code of intrinsics
     "numba.core.base:BaseContext.get_value_type": "self ty",
     "numba.core.base:BaseContext.get_dummy_value": "self",

@@ -164,6 +164,7 @@ def test_wrong_words_are_refused(words, message):
 # Visibility
 
 
+@pytest.mark.slow
 def test_whitened_noise_is_white_and_of_unit_size():
     case = make_case("none", 2, sensors=("motor_speed", "load_angle"), noise="loud", coloured=2.0, duration=6.0)
     rig, roles = case.rig, tuple(case.noise.sensors)
