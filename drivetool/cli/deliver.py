@@ -14,11 +14,12 @@ if TYPE_CHECKING:
 
     from drivetool.cli.inputs import Job
     from drivetool.files.gains_shapes import GainsFile
+    from drivetool.files.inspection import InspectionFile
     from drivetool.files.shapes import ParameterFile, ValidationFile
     from drivetool.identify.estimate import Exhibit
     from drivetool.logs.experiment import Experiment
 
-    Written = ParameterFile | ValidationFile | GainsFile
+    Written = ParameterFile | ValidationFile | GainsFile | InspectionFile
 
 WIDE = 160  # columns of a table that nobody sees on a terminal
 

@@ -10,13 +10,14 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import print_findings, print_table
 from drivetool.cli.outcomes import DONE, guarded
 
-HELP = "The table of a parameter, validation or gains file."
+HELP = "The table of a file that another step wrote."
 EXAMPLE = "drivetool show greybox.yaml"
 
 
 def command(
     file: Annotated[str, typer.Argument(
-        metavar="FILE", help="Written by a step or by hand; - is standard input.")],
+        metavar="FILE", help="Of parameters (by hand, too), a validation, gains, spectra, a comparison or an "
+        "inspection; - is standard input.")],
     debug: cli.Debug = False,
 ) -> None:
     """See HELP."""

@@ -50,16 +50,10 @@ def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:
     return _convert(raw, shapes.ParameterFile, name, "")
 
 
-def validation_file(raw: dict[Any, Any], name: str) -> shapes.ValidationFile:
-    """The typed validation file; BadParameters as above."""
-    _known_keys(raw, shapes.ValidationFile, name, "")
-    return _convert(raw, shapes.ValidationFile, name, "")
-
-
-def analysis_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
-    """A typed spectra or comparison file; BadParameters as above."""
+def result_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
+    """The typed file of a step that writes no parameters, its schema known; BadParameters as above."""
     _known_keys(raw, shape, name, "")
-    return _convert(raw, shape, name, "")
+    return _convert(raw, shape, name, "", raw["schema"].split("/")[1])
 
 
 def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
@@ -67,8 +61,7 @@ def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
     if raw.get("schema") != gains_shapes.GAINS_SCHEMA:
         raise BadParameters(f"schema {gains_shapes.GAINS_SCHEMA}", f"{raw.get('schema') or 'no schema'} in {name}",
                             "Give the file that tune wrote.")
-    _known_keys(raw, gains_shapes.GainsFile, name, "")
-    return _convert(raw, gains_shapes.GainsFile, name, "", "gains")
+    return result_file(raw, gains_shapes.GainsFile, name)
 
 
 def _schema(raw: dict[Any, Any], name: str) -> None:

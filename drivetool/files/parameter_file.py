@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
@@ -19,8 +19,11 @@ from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
 from drivetool.files.text import from_yaml
 from drivetool.identify.estimate import Covariance
 
-Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
-          | analysis_shapes.ComparisonFile | GainsFile)
+if TYPE_CHECKING:
+    from drivetool.files.inspection import InspectionFile
+
+    Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
+              | analysis_shapes.ComparisonFile | GainsFile | InspectionFile)
 
 
 @dataclass(frozen=True)
@@ -181,17 +184,35 @@ def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) 
 
 
 def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
-    """A file of any step to show: bare numbers with their unit, names checked."""
+    """A file of any step to show: bare numbers with their unit, names checked.
+
+    raises  BadParameters: a file that cannot be read, or that no step writes
+    """
+    from drivetool.files.inspection import INSPECTION_SCHEMA, InspectionFile
+
     name, data = read_bytes(path, stdin)
     raw = from_yaml(data, name)
-    if raw.get("schema") == shapes.VALIDATION_SCHEMA:
-        return checked.validation_file(raw, name)
-    if raw.get("schema") in analysis_shapes.KINDS:
-        return checked.analysis_file(raw, analysis_shapes.KINDS[raw["schema"]], name)
-    if raw.get("schema") == GAINS_SCHEMA:
-        return checked.gains_file(raw, name)
+    others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile, **analysis_shapes.KINDS,
+              INSPECTION_SCHEMA: InspectionFile}
+    schema = str(raw.get("schema") or "no schema")
+    if schema in others:
+        return checked.result_file(raw, others[schema], name)
+    if schema != shapes.PARAMETERS_SCHEMA:
+        raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
+                            _instead(schema), (shapes.PARAMETERS_SCHEMA, *others))
     loaded = Loaded((_source(name, data),))
     return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
+
+
+def _instead(schema: str) -> str:
+    """What to do about a file that has no table."""
+    from drivetool.logs.channel_map import SCHEMA as MAP_SCHEMA
+
+    if schema == MAP_SCHEMA:
+        return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
+    if schema == "no schema":
+        return f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."
+    return "Write the file again with this version of drivetool, or check it and change its schema line."
 
 
 def _source(name: str, data: bytes) -> Source:

@@ -122,6 +122,30 @@ def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
     assert "note: not read, string" in out
 
 
+def test_show_prints_an_inspection_that_was_written(tmp_path, call):
+    hurt(tmp_path / "a.parquet")
+    call("inspect", "a.parquet", "--out", "i.yaml", "-q")
+    code, out, err = call("show", "i.yaml")
+    assert (code, err) == (0, "") and "note: not read, string" in out
+    assert "a step would get motor_torque: 2000 samples of 0.001 s in 2 segments" in out and "warning gaps" in out
+    text = (tmp_path / "i.yaml").read_text()
+    (tmp_path / "i.yaml").write_text(text.replace("samples: 1949", "samples: many", 1))
+    code, out, err = call("show", "i.yaml")
+    assert (code, out) == (1, "") and "at channels[0].samples" in err and "schemas/inspection.json" in err
+
+
+@pytest.mark.parametrize("first, told", [
+    ("schema: drivetool/channel-map/1", "A channel map is an input: 'drivetool inspect LOG --map FILE'"),
+    ("schema: drivetool/inspection/0", "Write the file again"), ("schema: [1]", "[1] in a.yaml"),
+    ("roles: {}", "Begin a parameter file with 'schema: drivetool/parameters/1'")])
+def test_show_lists_what_it_prints(tmp_path, call, first, told):
+    (tmp_path / "a.yaml").write_text(first + "\n")
+    code, out, err = call("show", "a.yaml")
+    assert (code, out, err.count("\n")) == (1, "", 1) and told in err
+    assert all(f"drivetool/{kind}/1" in err for kind in (
+        "parameters", "validation", "gains", "spectra", "comparison", "inspection"))
+
+
 def test_inspect_tells_what_a_step_would_refuse(tmp_path, call):
     messages = encodings.rows(200, STEP, START)
     encodings.write(tmp_path / "a.mcap", "cdr", messages)
