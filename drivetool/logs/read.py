@@ -41,12 +41,12 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
     """
     path = Path(path)
     path = path if path.name else path.resolve()  # `.` has no name of its own
+    if not path.exists():
+        raise BadRecording("a recording", f"no file {path}", "Check the path.")
     kind = ".parquet" if path.is_dir() else path.suffix.lower()
     if kind not in READERS:
         raise BadRecording("a recording with a known suffix", path.name,
                            "Export the log to Parquet or MCAP.", READERS)
-    if not path.exists():
-        raise BadRecording("a recording", f"no file {path}", "Check the path.")
     if not path.is_dir() and path.stat().st_size == 0:
         raise BadRecording(f"data in {path.name}", "an empty file", "Record or export it again.")
     lenient = choose is not None

@@ -200,6 +200,7 @@ WRONG = {
     "criterion": (["greybox", "steps.parquet", "--criterion", "best"], 2, "best"),
     "no model": (["validate", "steps.parquet"], 2, "--params"),
     "missing log": (["greybox", "none.parquet"], 1, "no file none.parquet"),
+    "missing folder": (["inspect", "nosuchdir"], 1, "found no file nosuchdir. Check the path."),
     "suffix": (["greybox", "hand.yaml"], 1, "known suffix"),
     "missing file": (["greybox", "steps.parquet", "-p", "none.yaml"], 1, "No such file"),
     "typo": (["greybox", "steps.parquet", "-p", "typo.yaml"], 1, "Did you mean 'motor.inertia'?"),
