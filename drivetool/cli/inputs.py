@@ -146,16 +146,16 @@ def start_value(word: str, drive: Drive) -> tuple[str, float]:
     from drivetool.files import units
 
     name, equals, rest = word.partition("=")
-    number, unit = _NUMBER.match(rest.strip()).groups()
-    name = name.strip()
+    name, rest = name.strip(), rest.strip()
+    number, unit = _NUMBER.match(rest).groups()
     wanted = drive.unit(name)
+    do = f"Write for example '--set {name}=0.4' (in {wanted or 'no unit'})."
+    if not equals or not rest:
+        raise BadOption("NAME=VALUE after --set", f"'{word}'", do)
     try:
         value = float(number)
     except ValueError:
-        equals = ""
-    if not equals:
-        raise BadOption("NAME=VALUE after --set", f"'{word}'",
-                        f"Write for example '--set {name}=0.4' (in {wanted or 'no unit'}).")
+        raise BadOption(f"a finite number for {name} after --set", f"'{rest}'", do) from None
     return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 

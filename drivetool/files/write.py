@@ -23,7 +23,7 @@ def check_target(path: str | Path) -> Path:
         raise BadOption(f"a link that leads to a folder, to write {path.name} to", f"no folder {folder}",
                         "Correct the link, or give another path.")
     if path.is_dir():
-        raise BadOption("a file name to write to", f"the folder {path}", "Add a file name.")
+        raise BadOption("a file name to write to", f"the folder '{path}'", "Add a file name.")
     check_folder(folder)
     return path
 
