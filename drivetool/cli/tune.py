@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 HELP = ("Settings of the speed controller. PI for load-torque steps under a limit of the sensitivity, "
         "with margins and what uncertainty and backlash do to them.")
-EXAMPLE = "drivetool tune --params backlash.yaml --converter 433 --out gains.yaml"
+EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
 
 
 class Form(StrEnum):
@@ -40,7 +40,8 @@ Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map; says whether a shaft torque is measured.")]
 Converter = Annotated[str | None, _option(
     "--converter", metavar="BANDWIDTH[,DAMPING[,DEAD_TIME]]",
-    help="Torque path, with units if not rad/s and s: '433,0.69,2 ms'. Default: as in the parameter file.")]
+    help="Torque path, with units if not rad/s and s: '433,0.69,2 ms'. What is left out is as in the parameter "
+    "file; a dead time that neither states counts as none.")]
 Criterion = Annotated[str, _option("--criterion", metavar="NAME", help="IAE, ISE, IE, ITSE, IT2SE ...")]
 Sensitivity = Annotated[float, _option("--max-sensitivity", metavar="MS", help="Largest sensitivity, above 1.")]
 MaxGain = Annotated[str | None, _option(
