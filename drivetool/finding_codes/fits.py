@@ -15,7 +15,7 @@ CODES = {
         "Run `diagnose` on both recordings."),
     "conversion-left-over": Code(
         WARNING,
-        "The coefficient b1 of the transfer function, which the conversion to two masses does not use, "
+        "The conversion to two masses does not use the coefficient b1 of the transfer function. Here b1 "
         "contradicts the estimated parameters: it is more than 4 standard deviations and 10 % off.",
         "State a known lag or dead time of the torque, or a filter of the speed; then use `greybox` and "
         "`diagnose`."),
@@ -94,8 +94,10 @@ CODES = {
         "Record torque steps that cross the gap both ways."),
     "held-value-contradicted": Code(
         WARNING,
-        "A parameter is held at a value that the record contradicts: freeing it raises the log likelihood by more "
-        "than 30. The fitted parameters compensate for it and are biased.",
+        "A parameter is held at a value that the record contradicts, and the fitted ones compensate for it. "
+        "Freeing it alone raises the log likelihood by more than 30, changes it by more than 1 %, and leaves no "
+        "correlated errors. `greybox` tests the dead time, the half gaps and the names after `--hold`, unless "
+        "they are zero. It does so only where another finding says that the fit lacks something.",
         "Fit it too with `--free`, or correct it with `--set`."),
     "held-values-dominate": Code(
         NOTE,

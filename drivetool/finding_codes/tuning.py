@@ -25,8 +25,8 @@ CODES = {
         "Judge it by the softened shaft, and on the machine."),
     "limit-uncertain": Code(
         WARNING,
-        "The nominal design keeps the sensitivity limit Ms, but many of the drives that the parameter covariance "
-        "allows exceed it: the 95 % quantile of Ms is more than 3 % above the limit.",
+        "The nominal design keeps the limit of the sensitivity Ms, but many of the drives that the parameter "
+        "covariance allows exceed it. The 95 % quantile of Ms is more than 3 % above the limit.",
         "Tune with `--confidence 0.95`, or identify the drive more accurately."),
     "loop-hunts": Code(
         WARNING,
