@@ -10,7 +10,7 @@ hypothesis.settings.load_profile("drivetool")
 
 # Parts of the kernel that `make test` needs: of one, two and three bodies with few smooth laws. The first part of a
 # group brings the others. Whatever else a test asks for is compiled when it does.
-SIZED = ("1_1", "3_1", "3_2", "3_4", "4_1", "4_2", "4_3", "5_1", "5_2", "6_1", "6_2", "6_3", "6_4")
+SIZED = ("3_1", "4_1", "5_1")
 KERNEL = ("run", "run_3", "run_4", "run_5", "run_6", "run_laws", "switch_late", "spread_3", "spread_4", "spread_5",
           "spread_6", *(f"law_columns_{size}" for size in SIZED))
 LONG = 15.0  # s of processor time: only a hidden effect asked for at the command line may take more in `make test`
@@ -80,3 +80,18 @@ def call(capfd):
         text = capfd.readouterr()
         return left.value.code or 0, text.out, text.err
     return run
+
+
+@pytest.fixture(scope="module")
+def code_for_any_size():
+    """No machine code made for one number of states or laws: to compile it takes longer than these tests do.
+
+    That it gives the same is asked in drive/test_kernel_sizes.py.
+    """
+    from drivetool.drive import augment, simulate
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(augment, "MOST_STATES", 0)
+        for module in (augment, simulate):
+            patch.setattr(module, "MADE_FOR", ())
+        yield

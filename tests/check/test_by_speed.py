@@ -35,6 +35,7 @@ def test_a_load_in_one_direction_is_one_of_the_speed(role):
     assert share_by_speed(model([((-1.0) ** k, TIME[i]) for k, i in enumerate(turns)], role)) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_loads_at_any_time_are_none_of_the_speed(count):
     rng = np.random.default_rng(count)

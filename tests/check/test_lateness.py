@@ -22,6 +22,7 @@ def record(code, seed, kind, noise, size=None):
     return experiment(signals.pop("motor_torque"), signals.pop("motor_speed"), **signals)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kind", "noise"), KINDS)
 def test_the_time_of_a_filter_is_found_within_its_error(seed, kind, noise):
     found = lag_of(record("speed-filter", seed, kind, noise, size=3.0))
@@ -29,6 +30,7 @@ def test_the_time_of_a_filter_is_found_within_its_error(seed, kind, noise):
     assert found.lag > 6.0 * found.std
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ["none", "converter-lag"])
 @pytest.mark.parametrize(("seed", "kind", "noise"), KINDS)
 def test_what_delays_both_is_no_lag_of_the_speed(seed, kind, noise, code):
@@ -38,6 +40,7 @@ def test_what_delays_both_is_no_lag_of_the_speed(seed, kind, noise, code):
     assert "speed-filter" not in {f.code for f in preflight([e], ["speed-filter"])[1]}
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_found_joins_the_drive_and_one_that_is_not_there_is_ruled_out():
     late, prompt = (record(code, *KINDS[0]) for code in ("speed-filter", "none"))
     _, faults = preflight([late], ["speed-filter"])

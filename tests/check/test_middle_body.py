@@ -40,6 +40,7 @@ def test_friction_behind_the_motor_is_looked_for_on_every_body(code, amplitudes)
     assert {name for start in starts for name in start.amplitudes} == amplitudes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("coulomb", "body"), [((0.0, 1.5, 0.0), "gear"), ((0.0, 0.0, 1.5), "arm")])
 def test_dry_friction_behind_the_motor_is_found_on_its_body(coulomb, body):
     base = fitted(coulomb)

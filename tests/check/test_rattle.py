@@ -39,6 +39,7 @@ def test_a_gap_before_a_light_load_is_found_where_it_is():
         assert values[name] == pytest.approx(label["plain"][name], rel=0.03), name
 
 
+@pytest.mark.slow
 def test_a_heavy_load_takes_no_such_search_and_a_linear_shaft_is_given_up_soon():
     heavy = base_of(make_case("none", 351001, seed=351001))
     assert rattles(heavy, everything(heavy.problem)) == []

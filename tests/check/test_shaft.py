@@ -56,6 +56,7 @@ def test_the_error_of_the_scale_is_one(seed, scale):
     assert std < (0.2 if seed in LIGHT else 0.03) * abs(scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", HEAVY + LIGHT)
 def test_a_right_sensor_is_not_blamed(seed):
     record, drive = recorded(seed, 1.0)
@@ -63,6 +64,7 @@ def test_a_right_sensor_is_not_blamed(seed):
     assert not faults and mended == (record,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", HEAVY)
 @pytest.mark.parametrize(("scale", "code"), [(1.3, "wrong-scale"), (-1.0, "wrong-sign")])
 def test_a_wrong_sensor_is(seed, scale, code):
@@ -73,6 +75,7 @@ def test_a_wrong_sensor_is(seed, scale, code):
     np.testing.assert_allclose(mended[0].signals["shaft_torque"], right, rtol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1.05, 0.9])
 @pytest.mark.parametrize("seed", HEAVY + LIGHT)
 def test_the_scale_fitted_together_with_the_drive_is_within_its_error(seed, scale):

@@ -84,6 +84,7 @@ def test_a_terminal_sees_the_bar_and_the_result_stays_clean(tmp_path):
     assert "designs" not in out and "\x1b" not in out
 
 
+@pytest.mark.slow
 def test_quiet_means_no_bar(tmp_path):
     code, _, shown = on_a_terminal(tmp_path, "--quiet")
     assert code == 0 and shown == ""

@@ -15,6 +15,7 @@ from drivetool.drive.effects import EFFECTS, imbalance
 from drivetool.drive.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
 
+pytestmark = pytest.mark.usefixtures("code_for_any_size")
 EACH = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
 OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "load_angle")

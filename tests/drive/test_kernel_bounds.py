@@ -11,6 +11,8 @@ from drivetool.drive.table import fields, packed
 from tests.drive.test_effects import OUTPUTS, OWNER, SMOOTH, base, reversals
 from tests.drive.test_kernel import STEP, THREE, drive_of, plant_of
 
+pytestmark = pytest.mark.slow  # machine code of every size has to be compiled first
+
 MARGIN = 64  # numbers before and after each array
 BESIDE = {"float64": np.nan, "int64": 2**40 + 1}
 

@@ -37,6 +37,7 @@ def torque_of(machine, rng, n):
     return torque * (rng.uniform(size=n) < 0.8)
 
 
+@pytest.mark.slow
 def test_five_hundred_machines_do_not_care_about_sampling():
     """Four times finer sampling: the same motion, and fewer than all samples have events."""
     rng, errors, located = np.random.default_rng(2024), [], 0

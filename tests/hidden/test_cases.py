@@ -298,6 +298,7 @@ def test_an_answer_is_read_from_the_file_and_a_failure_is_an_answer(tmp_path):
     assert answer.verdict == "failed" and "missing.parquet" in answer.talk
 
 
+@pytest.mark.slow
 def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     short = {**SHORT, "bodies": 1}
     plans = [study_diagnose.Plan("effect", f"effect/{code}/0", (code,), {"machine_seed": 2, **short})
@@ -326,6 +327,7 @@ def test_study_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert "95 % interval of the gain holds that on a fresh record: 2 of 2" in text
 
 
+@pytest.mark.slow
 def test_a_limit_is_looked_for_at_the_visibility_it_aims_for():
     plan = study_diagnose.Plan("limit", "limit/quadratic-drag/7/0", ("quadratic-drag",),
                                {**SHORT, "bodies": 1, "machine_seed": 2}, (), 7.0)

@@ -45,6 +45,7 @@ def test_what_looks_alike_is_left_open(tmp_path, effect, rivals, machine, option
     assert (answer.verdict, set(answer.between)) == ("undetermined", open_between), answer.talk
 
 
+@pytest.mark.slow
 def test_dry_friction_without_a_reversal_is_an_idle_torque(tmp_path):
     """Of which nothing is seen, however large: no smallest visible size is stated."""
     answer = answer_to(tmp_path, "coulomb-motor", "coulomb-motor,coulomb-load,asymmetric-friction,quadratic-drag",

@@ -119,6 +119,7 @@ def test_bus_means_over_six_experiments():
         assert np.all(table(found, structure, [m.record for m in found.models[:6]]) > 98.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["frequency", "innovations"])
 def test_bus_fits_pass_the_residual_test_on_another_record(criterion):
     start = drive("bus").with_values({"motor.inertia": 4.0, "shaft.stiffness": 1.3e6, "shaft.damping": 3000.0,

@@ -12,13 +12,14 @@ from drivetool.identify.setup import roles_of
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 
+pytestmark = pytest.mark.usefixtures("code_for_any_size")
 MACHINE = machine_by_seed(5)
 RECORD = linear_record(MACHINE, 51, 1.0)
 OWNER = {"body": "motor", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
 SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
 
 
-@pytest.mark.parametrize("criterion", ["innovations", "simulation"])
+@pytest.mark.parametrize("criterion", [pytest.param("innovations", marks=pytest.mark.slow), "simulation"])
 @pytest.mark.parametrize("gap", [
     pytest.param(False, id="no gap"), pytest.param(True, id="gap", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)

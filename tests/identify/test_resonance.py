@@ -30,6 +30,7 @@ def weak(machine, size, draw, torque_noise, shown):
 
 
 # machine, samples, how much is shown, offset of the start and its signs, torque noise
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "size", "shown", "off", "signs", "torque_noise"), [
     (2, 4000, 0.3, 0.15, 4, 0.003), (3, 4000, 0.3, 0.15, 3, 0.0), (3, 4000, 0.3, 0.4, 4, 0.003),
     (10, 4000, 0.3, 0.15, 4, 0.003), (2, 10_000, 0.5, 0.15, 3, 0.0), (4, 10_000, 0.5, 0.15, 4, 0.003),

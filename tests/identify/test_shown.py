@@ -29,6 +29,7 @@ def record(machine, seed, shown):
 
 
 # Of this machine the steps alone show next to nothing: its resonance is fast and its load light.
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 13])
 def test_only_an_excited_resonance_has_intervals(seed):
     machine = machine_by_seed(seed, inertia=(1.0, 0.3), stiffness=(2.4e4,), damping=(8.0,), rated_torque=40.0,

@@ -207,6 +207,7 @@ def test_an_angle_serves_as_well():
     assert estimate.details["notches"][0]["hz"]["value"] == pytest.approx(4.009, abs=0.02)
 
 
+@pytest.mark.slow
 def test_delta_method_agrees_with_the_spread_of_many_fits():
     """Notch, resonance and response: stated std against that over 30 records."""
     found, stated = [], []

@@ -30,6 +30,7 @@ def found(angle, speed):
     return {f.code: f for f in compare_speed_and_angle(angle, speed, STEP, ((0, len(angle)),), "motor")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["steps", "sine", "noise"])
 @pytest.mark.parametrize("counts", [None, 4096, 200])
 def test_true_and_false_alarms(kind, counts):
