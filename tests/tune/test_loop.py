@@ -189,8 +189,9 @@ def lowering(drive, kind, limits=(2.4, 2.0, 1.7, 1.4), wiring=None):
 
 
 @pytest.mark.parametrize("dead_time", [pytest.param("exact", marks=pytest.mark.slow), "zero"])
-@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-    ("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")))])
+@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), *(
+    pytest.param(*case, marks=pytest.mark.slow)
+    for case in (("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")))])
 def test_a_limit_that_is_as_good_as_none_never_raises_the_criterion(name, kind, dead_time):
     lowering(two_mass_plant(name), kind, (np.inf, 1000.0, 100.0, 10.0, 2.0), Wiring(dead_time=dead_time))
 
