@@ -112,7 +112,7 @@ def test_a_part_that_is_held_keeps_its_value_and_so_do_parts_that_backlash_is_gi
     assert abs(gap.value - case.truth["shaft.half_gap"]) < 3.0 * gap.std
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("criterion", ["innovations", "simulation"])
 @pytest.mark.parametrize("name", CASES)
 def test_twenty_rough_starts(name, criterion):
