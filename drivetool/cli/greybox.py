@@ -3,8 +3,8 @@
 from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
-HELP = ("The physical parameters, polished. By the innovations fit (default) or by "
-        "simulation error; several recordings go into one fit.")
+HELP = ("The physical parameters, polished. Several explanations of the record are "
+        "fitted, and free runs choose; several recordings go into one fit.")
 EXAMPLE = "drivetool greybox steps.parquet --params blackbox.yaml --out greybox.yaml"
 
 
@@ -15,5 +15,5 @@ def _load():
 
 
 command = estimator_command("greybox", _load, {
-    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.auto),
     "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

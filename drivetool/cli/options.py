@@ -11,6 +11,7 @@ import typer
 class CriterionName(StrEnum):
     """What a grey-box fit minimises."""
 
+    auto = "auto"
     innovations = "innovations"
     simulation = "simulation"
 
@@ -18,6 +19,7 @@ class CriterionName(StrEnum):
 class FitCriterionName(StrEnum):
     """What a fit minimises, in time or in frequency."""
 
+    auto = "auto"
     innovations = "innovations"
     simulation = "simulation"
     frequency = "frequency"
@@ -72,7 +74,8 @@ Set = Annotated[list[str] | None, _option(
     "--set", metavar="NAME=VALUE", help="Start value, with unit if not the drive's own: "
     "'shaft.half_gap=2 mrad'; repeatable.")]
 Criterion = Annotated[CriterionName, _option(
-    "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation.")]
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation; auto "
+    "fits several explanations of the record and lets free runs choose.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]
@@ -102,7 +105,8 @@ NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
 FitCriterion = Annotated[FitCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
-    "distance from the measured frequency response.")]
+    "distance from the measured frequency response; auto fits several explanations of the record and lets free runs "
+    "choose.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

@@ -36,7 +36,7 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
         logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
         drive: cli.DriveName = None,
         hold: cli.Hold = None, free: cli.Free = None, set: cli.Set = None,
-        criterion: cli.Criterion = cli.CriterionName.innovations, segment: cli.Segment = None,
+        criterion: cli.Criterion = cli.CriterionName.auto, segment: cli.Segment = None,
         starts: cli.Starts = None, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
         plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
         quiet: cli.Quiet = False, **more: object,

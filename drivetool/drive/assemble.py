@@ -258,6 +258,9 @@ class Assembly:
         if "converter" not in self.states:
             self.torque(0, self.nx, one)
         for column, role in enumerate(self.layout.inputs[1:], self.nx + 1):
+            if role in self.drive.known_torques:
+                self.torque(self.drive.bodies.index(role.partition(".")[0]), column, -self.parameter(role))
+                continue
             sign = -1.0 if role == "load_torque" else 1.0
             self.torque(self.body_of(role), column, sign * one)
         for k, (_, _, ratio) in enumerate(self.shafts):

@@ -21,6 +21,7 @@ from drivetool.quantity import Quantity
 # idle torque is put on the last body, where a rolling mill has most of it.
 TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
 GEARED = {"viscous": 2, "idle_torque": 1, "coulomb": 1}  # power of n by which a parameter counts less
+KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 0.0)
 TIP = "tip"  # a body behind the last that diagnose has found: the load's sensors and names are not its own
 Number = TypeVar("Number", float, Dual)
 
@@ -37,6 +38,7 @@ class Drive:
                  neutral, or unknown if the effect has no neutral value
     damping_law  "inside": the shaft damping is part of the contact, which then never pulls
                  (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
+    known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, the factor of its input
     """
 
     name: str
@@ -46,11 +48,12 @@ class Drive:
     torque_unit: str = "Nm"
     motion_unit: str = "rad"
     damping_law: DampingLaw = "inside"
+    known_torques: tuple[str, ...] = ()
 
     @property
     def quantities(self) -> Mapping[str, Quantity]:
         """Every parameter this chain can have, in a fixed order."""
-        return _quantities(self.bodies, self.shafts)
+        return _quantities(self.bodies, self.shafts, self.known_torques)
 
     def effects(self) -> tuple[tuple[Effect, str, int], ...]:
         """(effect, owner, index of the owner) for everything that can act here."""
@@ -160,11 +163,13 @@ def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Ef
 
 
 @cache
-def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> Mapping[str, Quantity]:
+def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...],
+                known_torques: tuple[str, ...]) -> Mapping[str, Quantity]:
     found = {f"{owner}.{suffix}": quantity for effect, owner, _ in _effects(bodies, shafts)
              for suffix, quantity in effect.quantities.items()}
     for total, suffix in TOTALS.items():
         found[total] = found[f"{bodies[0]}.{suffix}"]
+    found |= dict.fromkeys(known_torques, KNOWN_TORQUE)
     return MappingProxyType(found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -153,12 +154,20 @@ class Plant:
         weight (ny,) holds 1/std per output where there is no observer. Sensitivities are
         summed up a chunk at a time: memory does not grow with the record.
         """
+        total = np.zeros((self.system.ns, self.system.ns))
+        for _, rows in self.sensitivities(trace, start, gains, weight):
+            flat = rows.reshape(-1, self.system.ns)
+            total += flat.T @ flat
+        return total
+
+    def sensitivities(self, trace: Trace, start: np.ndarray, gains: Gains | None = None,
+                      weight: np.ndarray | None = None) -> Iterator[tuple[slice, np.ndarray]]:
+        """(samples, their weighted sensitivities (m, ny, ns)) a chunk at a time; the next overwrites the last."""
         s, n = self.system, trace.size
         u, late = self.held(trace)
         x, mode = self._start(start), np.ones(s.ng + s.nf, np.int64)
         big = self._first_columns()
         jac = np.empty((min(n, CHUNK), s.ny, s.ns))
-        total = np.zeros((s.ns, s.ns))
         for a in range(0, n, CHUNK):
             part = slice(a, min(n, a + CHUNK))
             rows = jac[:part.stop - a]
@@ -167,9 +176,7 @@ class Plant:
                 scale = np.broadcast_to(weight, (len(rows), s.ny)).copy()
             self._call("run", Pass(u[part], late[part], trace.outputs[part], gain, scale, x, big, mode, a == 0,
                            np.empty((len(rows), s.ny)), rows, np.empty((0, s.nx))), trace.origin + a * trace.step)
-            flat = rows.reshape(-1, s.ns)
-            total += flat.T @ flat
-        return total
+            yield part, rows
 
     def jacobian(self, trace: Trace, start: np.ndarray,
                  gains: Gains | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,8 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
-from drivetool.identify.estimate import Covariance, Estimate, Parameter, Starts
+from drivetool.identify.estimate import Covariance, Estimate, FoundLaw, Parameter, Starts
+from drivetool.identify.results import Z95
 
 # Findings by which the structure is not the machine's.
 DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
@@ -67,6 +68,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
+        explanation=estimate.explanation or msgspec.UNSET, laws=_laws(estimate.laws) or msgspec.UNSET,
         fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=finding_sections(estimate.findings),
         covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
         details=plain(estimate.details), data=file_sections(estimate.data), inputs=file_sections(inputs),
@@ -97,6 +99,8 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     del entry["name"]
     for key in ("value", "start", "std"):
         entry[key] = _float(entry[key])
+    for key in ("std_noise", "std_structure"):
+        entry[key] = msgspec.UNSET if entry[key] is None else _float(entry[key])
     entry["ci95"] = entry["ci95"] and tuple(map(_float, entry["ci95"]))
     if not entry["reason"]:
         if entry["value"] is None:
@@ -104,6 +108,14 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
         elif entry["std"] is None and parameter.std is not None:
             entry["reason"] = "the standard deviation is not finite"
     return shapes.ParameterSection(**entry)
+
+
+def _laws(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:
+    """The laws with their intervals."""
+    return [shapes.LawSection(
+        name=law.name, factors=plain(list(law.factors)),
+        ci95=[(plain(f - Z95 * s), plain(f + Z95 * s)) for f, s in zip(law.factors, law.std, strict=True)])
+        for law in laws]
 
 
 def _float(value: float | None) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.check.diagnosis import State, Verdict
 
@@ -56,6 +56,9 @@ class ParameterSection(Shape):
     start: Annotated[Number, Meta(description="value the fit started from")] = None
     status: Literal["fitted", "held", "at-bound", "not-identifiable"] = "held"
     reason: Annotated[str, Meta(description="why there is no std, when it holds, or why the value was held")] = ""
+    std_noise: Annotated[float | UnsetType, Meta(description="part of the std by noise")] = UNSET
+    std_structure: Annotated[float | UnsetType, Meta(
+        description="part of the std by what the explanations of the record disagree in: the model's own error")] = UNSET
 
 
 class CovarianceSection(Shape):
@@ -63,6 +66,15 @@ class CovarianceSection(Shape):
 
     names: list[str]
     matrix: list[list[float]]
+
+
+class LawSection(Shape):
+    """A torque that the motion foretells and the drive lacks."""
+
+    name: str
+    factors: Annotated[list[float], Meta(
+        description="its size, root mean square in the unit of the torque, one per component")]
+    ci95: Annotated[list[tuple[float, float]], Meta(description="95 % interval of each")]
 
 
 class StartsSection(Shape):
@@ -216,6 +228,10 @@ class ParameterFile(Shape):
     parameters: Annotated[
         dict[str, ParameterSection | float],
         Meta(description="by name; a bare number is in the drive's own unit")] = {}
+    explanation: Annotated[str, Meta(
+        description="which explanation of the record was chosen, and why")] | UnsetType = UNSET
+    laws: Annotated[list[LawSection], Meta(
+        description="torques that the motion foretells; no part of the drive")] | UnsetType = UNSET
     fit: dict[str, float | int | str | None] = {}
     starts: StartsSection | None = None
     findings: list[FindingSection] = []

@@ -12,13 +12,15 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
+from drivetool.identify.explanation import Explanation, told
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import normal_under
+from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
+from drivetool.identify.task import Task
 from drivetool.identify.told_together import on_the_last, told_together
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
@@ -42,13 +44,14 @@ def fit_words(percent: float, digits: str = ".4g") -> str:
 def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),
             details: Mapping[str, object] | None = None,
             fit: Mapping[str, float | int | None] | None = None,
-            known: Covariance | None = None) -> Estimate:
+            known: Covariance | None = None, explanation: Explanation | None = None) -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
     findings  what the step itself found; those of the fit are added
     fit       further figures
     known     covariance of the values the step was given
+    explanation  of which the outcome is the fit; the drive is reported without its laws
     """
     task, problem, solution = outcome.task, outcome.problem, outcome.solution
     after = outcome.drive
@@ -56,17 +59,25 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     extra = _plus(extra, _from_sharing(outcome))
     if outcome.fit is not None:
         extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
-    lines, covariance, more = parameters_of(problem, solution, before, after, extra)
+    known_too = replace(before, known_torques=after.known_torques)
+    lines, covariance, more = parameters_of(problem, solution, known_too, after, extra)
     more = (*more, *contradicted(known, before, after, covariance))
     lines, covariance = told_together(lines, covariance, task.at_point(solution.point), known)
+    own, figures = task.at_point(solution.point), {}
+    if explanation is not None:
+        lines, covariance = told(lines, explanation)
+        if explanation.laws:
+            figures["simulation_fit_percent_with_laws"] = simulated_percent(own, outcome.fit.noise)
+        own = explanation.own
+        after = own.drive
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
-    _, _, runs = free_run(task.at_point(solution.point), noise=outcome.fit.noise if outcome.fit else None)
-    traces = task.problem(free=()).traces
+    _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
+    traces = own.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
     simulated = np.concatenate([r[:, 0] for r in runs])
     figures = {
-        "simulation_fit_percent": fit_percent(y, simulated),
+        "simulation_fit_percent": fit_percent(y, simulated), **figures,
         "one_step_fit_percent": one_step_percent(outcome, y),
         "rmse": float(np.sqrt(np.nanmean((y - simulated) ** 2))),
         "n": int(np.isfinite(y).sum()),
@@ -78,7 +89,15 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
-        record_exhibits(outcome, traces, runs), starts_of(outcome))
+        record_exhibits(outcome, traces, runs), starts_of(outcome),
+        *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
+
+
+def simulated_percent(task: Task, noise: Noise) -> float:
+    """Fit of free runs over whole stretches."""
+    problem, _, runs = free_run(task, noise=noise)
+    return fit_percent(*(np.concatenate([x[:, 0] for x in xs]) for xs in (
+        [t.outputs for t in problem.traces], runs)))
 
 
 def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Covariance | None) -> list[Finding]:
@@ -115,7 +134,7 @@ def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Cov
 def starts_of(outcome: Outcome) -> Starts:
     """How many starts came to the best value, and how far apart their parameters ended."""
     ends = [s["reached"] for s in outcome.starts if agrees(outcome, s)]
-    spread = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in outcome.task.free} if ends else {}
+    spread = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in ends[0]} if ends else {}
     return Starts(len(outcome.starts), len(ends), spread)
 
 

@@ -236,14 +236,18 @@ def _correlation(series: Sequence[np.ndarray]) -> float:
 
 
 def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, float]], seed: int = 1,
-                  most: int | None = None, near: bool = False) -> Outcome:
+                  most: int | None = None, near: bool = False, lag: int = 0, own: bool = False) -> Outcome:
     """Simulation-error fit on segments with free start states; across a gap until two starts agree.
 
     segment  length [s]; 0: one free run per record
     most     starts across a gap; None: as many as it takes
     near     the task's values are those of an earlier fit: one start will do
+    lag      samples over which the errors are differenced, see Problem
+    own      whether each segment has a torque of its own that stays as it is
     """
-    problem = task.problem(segment)
+    problem = replace(task.problem(segment), lag=lag)
+    if own:
+        problem = problem.with_constant_torque()
     linear = task.linear_problem(segment)
     hard = is_hard(task) and not near
 
@@ -253,9 +257,10 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
         return ended(solve(problem, point, relative=1e-7, most=30))
 
     def directly(start: Task) -> tuple[float, Solution, Task]:
-        point = Point(values_of(start), segment_states(start, problem.traces))
+        states = segment_states(start, problem.traces)
+        point = Point(values_of(start), tuple(np.append(s, 0.0) for s in states) if own else states)
         first = solve(problem, point, relative=1e-5, hold=problem.later)
-        return ended(solve(problem, first.point, relative=1e-10, most=100))
+        return ended(solve(problem, first.point, relative=1e-7 if near else 1e-10, most=30 if near else 100))
 
     def ended(solution: Solution) -> tuple[float, Solution, Task]:
         return 0.5 * problem.count * np.log(max(solution.cost, 1e-300)), solution, task.at_point(solution.point)

@@ -20,6 +20,8 @@ class Parameter:
 
     value, start, std  in `unit`; std and ci95 are None where there is none, and then
                        `reason` says why
+    std_noise, std_structure   parts of the std: by noise, and by what explanations of the record disagree in; None
+                       where the fit does not tell them apart
     """
 
     name: str
@@ -30,6 +32,21 @@ class Parameter:
     ci95: tuple[float, float] | None = None
     status: Status = "fitted"
     reason: str = ""
+    std_noise: float | None = None
+    std_structure: float | None = None
+
+
+@dataclass(frozen=True)
+class FoundLaw:
+    """A torque that the motion foretells and the drive lacks.
+
+    name     in words
+    factors  its size, root mean square in the torque's unit, one per column; std of each
+    """
+
+    name: str
+    factors: tuple[float, ...]
+    std: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -82,6 +99,8 @@ class Estimate:
     details     what else the step found, as plain numbers, strings, lists and mappings
     data        (file name, sha256) per recording
     starts      how the starts agreed, where there was a choice
+    explanation which explanation of the record was chosen, and why, in one sentence
+    laws        torques that the motion foretells; no part of the drive
     """
 
     step: str
@@ -97,3 +116,5 @@ class Estimate:
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
     starts: Starts | None = None
+    explanation: str = ""
+    laws: tuple[FoundLaw, ...] = ()

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
+from drivetool.identify.candidates import candidates_of, explainable
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, fit_percent
 from drivetool.identify.contact import opened_gaps
@@ -28,6 +29,7 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.explanation import explain
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
@@ -69,11 +71,15 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     task = Task(drive, free, roles, tuple(experiments))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
-    outcome = coloured(white)
-    figures, findings = both_criteria(outcome, options)
-    findings = [*left, *doubted_channels(task, outcome.drive), *findings]
+    if options.criterion == "auto" and explainable(white):
+        explanation = explain(candidates_of(white.task, white), white.task)
+        outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
+    else:
+        explanation, outcome = None, coloured(white)
+        figures, findings = both_criteria(outcome, options)
+    findings = [*left, *doubted_channels(task, white.drive), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known)
+    estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
     lacking = {f.code for f in estimate.findings} & LACKING
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from drivetool.identify.estimate import Covariance
 
-Criterion = Literal["innovations", "simulation", "frequency"]
+Criterion = Literal["auto", "innovations", "simulation", "frequency"]
 Weighting = Literal["variance", "coherence"]
 
 
@@ -17,7 +17,8 @@ class Options:
 
     hold       parameter names that keep their value
     free       parameter names that are fitted although they would be held
-    criterion  greybox and backlash: innovations (default) or simulation error
+    criterion  greybox and backlash: auto chooses among explanations of the record; innovations, simulation error and
+               the frequency response are one each
     starts     starting points tried when the problem may have several optima; None: the
                estimator decides
     segment    length [s] of the segments with free start states of a simulation-error
@@ -35,7 +36,7 @@ class Options:
 
     hold: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
-    criterion: Criterion = "innovations"
+    criterion: Criterion = "auto"
     starts: int | None = None
     segment: float | None = None
     seed: int = 1

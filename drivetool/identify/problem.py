@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,6 +54,8 @@ class Problem:
     bodies     number of bodies, whose speeds are the first states
     by_record  whether the plant differs between recordings
     anchored   index of the free start states that stay where they are in the first stretch
+    lag        samples over which a free run's errors are differenced: those of an angle are then errors of a speed;
+               0: not at all
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -69,6 +71,7 @@ class Problem:
     bodies: int = 1
     by_record: bool = False
     anchored: tuple[int, ...] = ()
+    lag: int = 0
 
     @property
     def count(self) -> int:
@@ -97,7 +100,11 @@ class Problem:
         shared, slope, cost = np.zeros((k, k)), np.zeros(k), 0.0
         cross, own, own_slope = [], [], []
         for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, True), strict=True)):
-            g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
+            if self.lag:
+                rows = self.differenced(plant.sensitivities(t, point.starts[i], None, 1.0 / self.scale), t)
+                g = rows.T @ rows
+            else:
+                g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
             own_columns = plant.system.nq + self.free_start
             if i == 0 and self.anchored:
                 stays = plant.system.nq + np.array(self.anchored)
@@ -110,6 +117,13 @@ class Problem:
             own_slope.append(g[own_columns, -1])
         return Normal(shared, tuple(cross), tuple(own), slope, tuple(own_slope), float(cost))
 
+    def differenced(self, parts: Iterable[tuple[slice, np.ndarray]], trace: Trace) -> np.ndarray:
+        """(m, ns) differences over the lag of a trace's sensitivities, zero where a value was not measured."""
+        rows = np.concatenate([part.copy() for _, part in parts])
+        known = np.isfinite(trace.outputs)
+        both = (known[self.lag:] & known[:len(known) - self.lag])[..., None]
+        return ((rows[self.lag:] - rows[:len(rows) - self.lag]) * both).reshape(-1, rows.shape[2])
+
     def cost(self, point: Point, gains: Sequence[Gains] | None = None) -> float:
         """Sum of squared weighted residuals at a point; infinite if the model diverges."""
         total = 0.0
@@ -117,7 +131,8 @@ class Problem:
             g = gains[i] if gains else None
             r = plant.outputs(t, point.starts[i], g) - t.outputs
             r *= g.weight if g else 1.0 / self.scale
-            r = r[np.isfinite(t.outputs)]
+            r = r[self.lag:] - r[:len(r) - self.lag] if self.lag else r
+            r = r[np.isfinite(r)]
             with np.errstate(over="ignore", invalid="ignore"):  # a trial may make the observer unstable
                 total += float(r @ r)
         return total if np.isfinite(total) else np.inf
@@ -131,6 +146,10 @@ class Problem:
             new[self.free_start] += change
             starts.append(new)
         return Point(values, tuple(starts))
+
+    def with_constant_torque(self) -> Problem:
+        """The same with a torque of its own on the motor in each trace, as a further start state."""
+        return replace(self.with_memory(1.0), free_start=np.append(self.free_start, self.free_start[-1] + 1))
 
     def with_memory(self, memory: float | None) -> Problem:
         """The same problem with another torque disturbance memory."""

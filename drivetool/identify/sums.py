@@ -45,7 +45,7 @@ def fit_apart(task: Task, options: Options, asked: Options, starts: Sequence[Map
 
 def begun_apart(task: Task, options: Options) -> Task:
     """The task with the parts of its sums free that the record tells at the start values already."""
-    if not is_hard(task) or options.criterion != "innovations":
+    if not is_hard(task) or options.criterion not in ("auto", "innovations"):
         return task
     begun = balanced(task)
     for total in _divisible(task, options):

@@ -1,0 +1,209 @@
+"""Which explanation of a record the default fit reports, and how uncertain that leaves the drive.
+
+What the motion foretells is taken out first, what is left is taken as noise, and free runs choose. Where credible
+explanations disagree by more than their noise, that is the model's error: it is stated as its own part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.errors import Finding
+from drivetool.identify.candidates import Candidate, Field
+from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
+from drivetool.identify.influence import SLACK, sandwich
+from drivetool.identify.innovations import Fit
+from drivetool.identify.least_squares import solve
+from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.results import Z95
+from drivetool.identify.setup import first_point
+from drivetool.identify.task import Outcome, Task
+
+# From the most efficient where it is right to the most robust.
+PREFERRED = ("coloured, laws", "white, laws", "regression, laws")
+REFEREES = (*PREFERRED, "free runs, laws")
+WITHOUT = ("coloured", "white", "regression")
+MEASURED = ("regression, laws", "regression")  # what noise of the logged torque leaves right
+KEPT = 1.2  # over the least error of free runs, up to which the more efficient fit is kept
+REFUTED = 2.0  # over that of the fit to free runs, from which that one is taken
+CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disagree
+DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
+WEIGHTY = 0.01  # of the torque: a law of less is not spoken of
+LIKELIER = 10.0  # log likelihood
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """The explanation chosen.
+
+    sentence       which, and why
+    outcome        its fit, with its laws
+    own            the drive alone, at its own parameters
+    std_noise      (k,) standard deviations by noise; std_structure: (k,) by what the explanations disagree in
+    covariance     (k, k) of both together
+    laws           that were found
+    free_runs      name of a candidate -> error of its free runs
+    findings       what follows for the drive
+    """
+
+    sentence: str
+    outcome: Outcome
+    own: Task
+    std_noise: np.ndarray
+    std_structure: np.ndarray
+    covariance: np.ndarray
+    laws: tuple[FoundLaw, ...]
+    free_runs: Mapping[str, float]
+    findings: tuple[Finding, ...]
+
+
+def explain(field: Field, task: Task) -> Explanation:
+    """Choose among the candidates.
+
+    task  without laws
+    """
+    measured = any(e.torque_is == "measurement" for e in task.experiments) and "regression" in field.candidates
+    errors = {name: float(field.judge.error(c.task)) for name, c in field.candidates.items()}
+    name = chosen(errors, measured)
+    c = field.candidates[name]
+    noise, structure, covariance = spread(field, errors, name, measured)
+    outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
+    own = replace(task, drive=task.drive).at(dict(zip(task.free, c.own, strict=True)))
+    laws = _found(field, c) if name.endswith("laws") else ()
+    findings = _findings(field, errors, name, laws, noise, structure, task)
+    return Explanation(_sentence(field, errors, name, laws, measured), outcome, own, noise, structure, covariance, laws,
+                       errors, findings)
+
+
+def chosen(errors: Mapping[str, float], measured: bool = False) -> str:
+    """The candidate to report.
+
+    errors    of the free runs of each
+    measured  whether the logged torque is a measurement, whose noise would pass for the drive's
+    """
+    pool = [n for n in (MEASURED if measured else (*PREFERRED, *WITHOUT)) if n in errors]
+    least = min(errors[n] for n in pool)
+    name = next((n for n in (pool if measured else PREFERRED) if n in errors and errors[n] <= KEPT * least), None)
+    name = name or min(pool, key=errors.__getitem__)
+    return name if errors[name] <= REFUTED * errors["free runs, laws"] else "free runs, laws"
+
+
+def spread(field: Field, errors: Mapping[str, float], name: str,
+           measured: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(std by noise (k,), std by structure (k,), covariance of both (k, k)) of the drive's own parameters."""
+    c = field.candidates[name]
+    by_blocks = sandwich(c.influence)
+    base = by_blocks if c.covariance is None else c.covariance
+    noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
+    compared = ("regression, laws", "free runs, laws") if measured else REFEREES
+    least = min(errors[n] for n in (*compared, *WITHOUT) if n in errors and not (measured and n in ("coloured", "white")))
+    apart = []
+    for other in compared:
+        if other in field.candidates and other != name and errors[other] <= CREDIBLE * least:
+            d = field.candidates[other]
+            off = c.own - d.own
+            one = np.sqrt(np.diag(sandwich(c.influence - d.influence))) / SLACK
+            apart.append(np.sign(off) * np.maximum(np.abs(off) - one, 0.0))
+    rows = np.array(apart).reshape(-1, len(c.own))
+    structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
+    return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
+
+
+def _sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """The correlations of a matrix with other standard deviations."""
+    size = np.sqrt(np.diag(matrix))
+    factor = np.divide(std, size, out=np.zeros_like(std), where=size > 0.0)
+    return matrix * np.outer(factor, factor)
+
+
+def _at(c: Candidate, field: Field) -> Outcome:
+    """A candidate that has no noise model, as an innovations fit that stays where it is."""
+    task, problem = c.task, c.task.problem()
+    starts = field.candidates["white"].outcome.solution.point.starts
+    point = replace(first_point(task.drive, problem, task.roles), starts=starts)
+    noise = fit_ratio(problem, point, field.judge.noise)
+    gains = [f.gains for f in filtered(problem, point, noise)]
+    solution = solve(problem, point, gains, most=0)
+    passes = tuple(filtered(problem, solution.point, noise, keep=False))
+    fit = Fit(solution, noise, minus_log_likelihood(passes), passes, 0, 0.0, True)
+    return Outcome(task, problem, solution, fit, (), True)
+
+
+def _found(field: Field, c: Candidate) -> tuple[FoundLaw, ...]:
+    """The laws with their factors and what the blocks say of them."""
+    std = np.sqrt(np.diag(sandwich(c.factors_influence)))
+    found, k = [], 0
+    for law in field.laws:
+        part = slice(k, k + law.size)
+        found.append(FoundLaw(law.name, tuple(c.factors[part].tolist()), tuple(std[part].tolist())))
+        k += law.size
+    return tuple(found)
+
+
+def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw], measured: bool) -> str:
+    kind = name.partition(",")[0]
+    left = {"coloured": "what is left is taken as torque noise with a memory", "white": "what is left is taken as white "
+            "torque noise", "regression": "the rest is not modelled: least squares of the torque on the motion",
+            "free runs": "the drive is fitted to free runs of a second"}[kind]
+    if kind == "coloured" and field.candidates[name].outcome.fit.noise.memory is None:
+        left = "what is left is taken as white torque noise"
+    taken = f"{len(laws)} law{'s' if len(laws) > 1 else ''} that the motion foretells taken out, " if laws else ""
+    if measured:
+        why = "the logged torque is a measurement, whose noise the drive has not felt"
+    elif kind == "free runs":
+        why = f"those of every fit that models noise err more than {REFUTED:g} times as much"
+    else:
+        least = min(e for n, e in errors.items() if n != "free runs, laws")
+        why = f"its free runs of a second err {errors[name] / least:.2f} times as much as the best of all explanations"
+    text = f"{taken}{left}; {why}."
+    return text[0].upper() + text[1:]
+
+
+def _findings(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw], noise: np.ndarray,
+              structure: np.ndarray, task: Task) -> tuple[Finding, ...]:
+    """Whether the model lacks something, and the best guess."""
+    torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
+    size = float(np.nanstd(torque))
+    heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws}
+    heavy = {n: share for n, share in heavy.items() if share > WEIGHTY}
+    likelier = "coloured" in errors and not name.startswith("coloured") and (
+        _value(field, name) - _value(field, "coloured, laws") > LIKELIER)
+    doubted = [n for n, a, b in zip(task.free, noise, structure, strict=True) if b > a]
+    if not (heavy or likelier or doubted):
+        return ()
+    guess = max(heavy, key=heavy.__getitem__) if heavy else None
+    text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
+    return (Finding(
+        "warning", "model-error", f"{text}; a noise model would hide it.",
+        {f"share of the torque: {n}": s for n, s in heavy.items()},
+        "Run diagnose on this file; the intervals include what the explanations disagree in."),)
+
+
+def _value(field: Field, name: str) -> float:
+    outcome = field.candidates[name].outcome
+    return np.inf if outcome is None or outcome.fit is None else outcome.fit.value
+
+
+def told(lines: Sequence[Parameter], e: Explanation) -> tuple[tuple[Parameter, ...], Covariance | None]:
+    """The lines of the drive alone, with its own values and both parts of their uncertainty."""
+    own, found, kept = dict(zip(e.own.free, range(len(e.own.free)), strict=True)), [], []
+    for p in lines:
+        if p.name not in own:
+            if p.name not in e.outcome.task.drive.known_torques:
+                found.append(p)
+            continue
+        j = own[p.name]
+        value, std = float(e.own.drive.values[p.name]), float(np.sqrt(e.covariance[j, j]))
+        if p.status != "fitted":
+            found.append(replace(p, value=value))
+            continue
+        low, high = e.own.drive.quantity(p.name).bounds
+        ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
+        found.append(replace(p, value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
+                             std_structure=float(e.std_structure[j])))
+        kept.append(j)
+    names = tuple(e.own.free[j] for j in kept)
+    return tuple(found), Covariance(names, e.covariance[np.ix_(kept, kept)]) if kept else None

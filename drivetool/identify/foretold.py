@@ -1,0 +1,137 @@
+"""Which laws the motion foretells in parts of the record that were left out: the drive lacks them.
+
+The innovations of a fit are linear in the factors of known torques, with exact sensitivities under frozen gains. So
+sums of products by block are all that the search needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.identify.laws import Law
+from drivetool.identify.noise import Noise, filtered, with_state
+from drivetool.identify.problem import Point
+from drivetool.identify.task import Task
+
+FOLDS = 8  # contiguous blocks
+# Log likelihood that a law must gain where it was not fitted: the best of fifty that are none does so once in 1e5.
+GAIN = 15.0
+MOST = 5
+BATCH = 8  # columns whose sensitivities are worked out in one pass
+
+
+def with_laws(task: Task, laws: Sequence[Law], body: str = "motor", factors: Sequence[float] | None = None) -> Task:
+    """The task with further laws as known torques of free factors, named motor.law1 and so on."""
+    if not laws:
+        return task
+    there, more = task.drive.known_torques, sum(law.size for law in laws)
+    names = tuple(f"{body}.law{len(there) + i + 1}" for i in range(more))
+    factors = np.zeros(more) if factors is None else factors
+    drive = replace(task.drive, known_torques=(*there, *names),
+                    values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})
+    experiments = []
+    for k, e in enumerate(task.experiments):
+        columns = np.nan_to_num(np.column_stack([law.columns[k] for law in laws]))
+        experiments.append(replace(e, signals={**e.signals, **dict(zip(names, columns.T, strict=True))}))
+    roles = replace(task.roles, inputs=(*task.roles.inputs, *names))
+    return Task(drive, (*task.free, *names), roles, tuple(experiments))
+
+
+def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law], most: int = MOST) -> tuple[list[Law], np.ndarray]:
+    """(the laws that a fit lacks, the one that foretells most first; their factors).
+
+    task, point, noise   of an innovations fit
+    laws                 that are not in it yet
+    most                 that may be taken
+    """
+    sums, count = _sums(task, point, noise, laws), task.problem().count
+    chosen, base = [], np.arange(len(task.free))
+    places, k = [], len(base)
+    for law in laws:
+        places.append(np.arange(k, k + law.size))
+        k += law.size
+    now = _left_out(sums, base)
+    while len(chosen) < min(most, len(laws)):
+        left = {i: _left_out(sums, np.concatenate([base, *(places[j] for j in chosen), places[i]]))
+                for i in range(len(laws)) if i not in chosen}
+        best = min(left, key=left.__getitem__)
+        if 0.5 * count * np.log(now / left[best]) < GAIN:
+            break
+        chosen.append(best)
+        now = left[best]
+    columns = np.concatenate([base, *(places[j] for j in chosen)])
+    return [laws[i] for i in chosen], -_solved(sums.sum(axis=0), columns)[len(base):]
+
+
+def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.ndarray:
+    """(folds, p + 1, p + 1) sums of products of [fitted parameters, law columns, error], start states taken out."""
+    batches, batch = [], []
+    for law in laws:
+        if sum(x.size for x in batch) + law.size > BATCH:
+            batches.append(batch)
+            batch = []
+        batch.append(law)
+    own, task = len(task.free), task.at_point(point)
+    passes = filtered(task.problem(), point, noise)
+    tasks = [task, *(with_laws(replace(task, free=()), b) for b in [*batches, batch] if b)]
+    problems = [t.problem().with_memory(noise.memory) for t in tasks]
+    start = with_state(point, noise).starts
+    plants = [p.plants(np.array([t.drive.values[n] for n in t.free]), True) for p, t in zip(problems, tasks, strict=True)]
+    count = sum(t.size for t in problems[0].traces)
+    width = own + sum(law.size for law in laws) + 1
+    total, done = np.zeros((FOLDS, width, width)), 0
+    for i, trace in enumerate(problems[0].traces):
+        nx = plants[0][i].nx
+        whole = np.zeros((FOLDS, nx + width, nx + width))
+        runs = [ps[i].sensitivities(p.traces[i], start[i], passes[i].gains) for ps, p in zip(plants, problems, strict=True)]
+        for chunk in zip(*runs, strict=True):
+            part, first = chunk[0]
+            nq = plants[0][i].system.nq
+            columns = [first[:, :, nq:nq + nx], first[:, :, :own]]
+            columns += [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk[1:], tasks[1:], strict=True)]
+            columns.append(first[:, :, -1:])
+            flat = np.concatenate(columns, axis=2)
+            fold = (done + np.arange(part.start, part.stop)) * FOLDS // count
+            for f in np.unique(fold):
+                rows = flat[fold == f].reshape(-1, nx + width)
+                whole[f] += rows.T @ rows
+        total += _without(whole, nx)
+        done += trace.size
+    return total
+
+
+def _without(sums: np.ndarray, nx: int) -> np.ndarray:
+    """Sums of products with the first nx columns projected out of the others, by all folds together."""
+    both = sums.sum(axis=0)
+    size = np.sqrt(np.diag(both)[:nx])
+    size[size == 0.0] = 1.0
+    share = np.linalg.lstsq(both[:nx, :nx] / np.outer(size, size), both[:nx, nx:] / size[:, None], rcond=1e-12)[0]
+    share = share / size[:, None]
+    cross = np.einsum("zc,fzd->fcd", share, sums[:, :nx, nx:])
+    square = np.einsum("zc,fzy,yd->fcd", share, sums[:, :nx, :nx], share)
+    return sums[:, nx:, nx:] - cross - np.swapaxes(cross, 1, 2) + square
+
+
+def _solved(sums: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Least squares of the error on some columns."""
+    size = np.sqrt(np.diag(sums)[columns])
+    size[size == 0.0] = 1.0
+    matrix = sums[np.ix_(columns, columns)] / np.outer(size, size)
+    return np.linalg.lstsq(matrix, sums[columns, -1] / size, rcond=1e-12)[0] / size
+
+
+def _left_out(sums: np.ndarray, columns: np.ndarray) -> float:
+    """Squared error of all blocks, each foretold by what was fitted to the others."""
+    size = np.sqrt(np.diag(sums.sum(axis=0))[columns])
+    size[size == 0.0] = 1.0
+    matrix = sums[:, columns[:, None], columns] / np.outer(size, size)
+    right = sums[:, columns, -1] / size
+    found = 0.0
+    for f in range(len(sums)):
+        rest, slope = matrix.sum(axis=0) - matrix[f], right.sum(axis=0) - right[f]
+        value = np.linalg.solve(rest + 1e-7 * np.trace(rest) / len(rest) * np.eye(len(rest)), slope)
+        found += sums[f, -1, -1] - 2.0 * value @ right[f] + value @ matrix[f] @ value
+    return float(found)

@@ -1,0 +1,63 @@
+"""Each block's share of the error of a fit: for intervals that hold where the errors are correlated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import t as student
+
+from drivetool.identify.noise import filtered, with_state
+from drivetool.identify.regression import BLOCKS
+from drivetool.identify.results import Z95, inverted
+from drivetool.identify.task import Outcome
+
+SLACK = float(student.ppf(0.975, BLOCKS - 1)) / Z95  # a variance of so few blocks is uncertain itself
+
+
+def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
+    """((k, k) information-matrix covariance of the free parameters, (BLOCKS, k) shares of their error).
+
+    source  White 1982 for the sandwich; Bester, Conley and Hansen 2011 for few contiguous blocks
+    """
+    problem, point, fit = outcome.problem, outcome.solution.point, outcome.fit
+    gains = None
+    if fit is not None:
+        gains = [f.gains for f in filtered(problem, point, fit.noise)]
+        problem, point = problem.with_memory(fit.noise.memory), with_state(point, fit.noise)
+    k, count = len(problem.names), sum(t.size for t in problem.traces)
+    matrix, slopes, cost, done = np.zeros((k, k)), np.zeros((BLOCKS, k)), 0.0, 0
+    for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, True), strict=True)):
+        s = plant.system
+        own = s.nq + problem.free_start
+        sums = np.zeros((BLOCKS, s.ns, s.ns))
+        weight = None if gains else 1.0 / problem.scale
+        parts = plant.sensitivities(trace, point.starts[i], gains[i] if gains else None, weight)
+        if problem.lag:
+            rows = problem.differenced(parts, trace)
+            parts = [(slice(0, len(rows)), rows[:, None])]
+        for part, rows in parts:
+            block = (done + np.arange(part.start, part.stop)) * BLOCKS // count
+            for b in np.unique(block):
+                flat = rows[block == b].reshape(-1, s.ns)
+                sums[b] += flat.T @ flat
+        done += trace.size
+        whole = sums.sum(axis=0)
+        size = np.sqrt(np.diag(whole)[own])
+        size[size == 0.0] = 1.0
+        # What the start states take up, by the whole trace.
+        taken = np.linalg.lstsq(whole[np.ix_(own, own)] / np.outer(size, size), whole[own, :k] / size[:, None],
+                                rcond=1e-12)[0] / size[:, None]
+        matrix += whole[:k, :k] - whole[:k, own] @ taken
+        slopes += sums[:, :k, -1] - sums[:, own, -1] @ taken
+        cost += whole[-1, -1]
+    size = np.sqrt(np.diag(matrix))
+    size[size <= 0.0] = 1.0
+    inverse, _ = inverted(matrix / np.outer(size, size), 1e-13)
+    inverse = inverse / np.outer(size, size)
+    variance = cost / max(problem.count - problem.unknowns, 1)
+    return variance * inverse, -slopes @ inverse
+
+
+def sandwich(influence: np.ndarray) -> np.ndarray:
+    """(k, k) covariance from the blocks' shares of the error, its slack for few blocks included."""
+    around = influence - influence.mean(axis=0)
+    return SLACK**2 * around.T @ around * BLOCKS / (BLOCKS - 1.0)

@@ -1,0 +1,57 @@
+"""Free runs as judges of fits: how far each drive strays in a second, its error taken as a speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.identify.least_squares import solve
+from drivetool.identify.motion import Smoothing
+from drivetool.identify.noise import Noise, filtered
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import first_states
+from drivetool.identify.task import Task
+
+LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What all candidates are judged by alike.
+
+    smoothing  of the first sensor: errors above its cut-off are noise
+    noise      of a fit, by which the runs' first start states are filtered
+    """
+
+    smoothing: Smoothing
+    noise: Noise
+
+    def error(self, task: Task) -> float:
+        """Root mean square error of the free runs as a speed, of the first output; each run has an idle torque of its
+        own, for what stays as it is over a run is noise to every candidate alike."""
+        whole = task.problem(free=())
+        point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
+        states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
+        problem = task.problem(LENGTH, ()).with_constant_torque()
+        starts, k, done = [], 0, 0
+        wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
+        for trace in problem.traces:
+            while done >= len(states[k]):
+                k, done = k + 1, 0
+            starts.append(np.append(states[k][done], 0.0))
+            done += trace.size
+        if is_angle:
+            problem = replace(problem, lag=wide)
+        solution = solve(problem, Point(np.empty(0), tuple(starts)), most=8, relative=1e-4)
+        total, count = 0.0, 0
+        plants = problem.plants(solution.point.values, False)
+        for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True):
+            error = plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0]
+            if is_angle:
+                error = (error[wide:] - error[:-wide]) / (wide * trace.step)
+            else:
+                error = np.convolve(error, np.ones(wide) / wide, "valid")
+            known = np.isfinite(error)
+            total, count = total + float(np.sum(error[known] ** 2)), count + int(known.sum())
+        return float(np.sqrt(total / count)) if count else np.nan

@@ -1,0 +1,78 @@
+"""Laws that a drive may lack, as torques that its motion foretells: taken out as known torques, each with a factor.
+
+A law is a nuisance here, not a parameter of the drive: `diagnose` finds and names causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from drivetool.identify.motion import Motion
+
+WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
+HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
+
+
+Part = Literal["friction", "inertia", "idle torque"]
+
+
+@dataclass(frozen=True)
+class Law:
+    """A torque that brakes the motor, over its motion.
+
+    name     words for a person
+    columns  one array (n, m) per experiment, of size one; NaN outside its segments
+    of       which parameter of the drive it is a part of: friction that is alike in both directions, inertia, or the
+             idle torque, of which it has the mean
+    """
+
+    name: str
+    columns: tuple[np.ndarray, ...]
+    of: Part
+
+    @property
+    def size(self) -> int:
+        """How many columns it has."""
+        return self.columns[0].shape[1]
+
+
+def library(motions: Sequence[Motion], top: float, turns: bool) -> tuple[Law, ...]:
+    """Every law.
+
+    motions  one per experiment
+    top      speed of the fastest
+    turns    whether the body turns, so that its torque may repeat with the angle
+    """
+    longest = max(m.time[-1] - m.time[0] for m in motions)
+    found = []
+
+    def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
+            part: Part = "idle torque") -> None:
+        columns = []
+        for m in motions:
+            passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
+            columns.append(np.column_stack(of(m, m.speed / top, passed)))
+        size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
+        if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
+            found.append(Law(name, tuple(c / size for c in columns), part))
+
+    law("friction differs by direction", lambda m, v, t: [np.abs(v)])
+    law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
+    for w in WIDTHS:
+        law(f"Stribeck friction below {w:g} of the top speed",
+            lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
+    law("friction changes with time", lambda m, v, t: [t * m.side])
+    law("the torque drifts", lambda m, v, t: [t])
+    if not turns:
+        return tuple(found)
+    law("inertia changes with the angle", lambda m, v, t: [
+        m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
+        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)], "inertia")
+    for k in (1, 2, *HARMONICS):
+        law(f"torque repeats {k} times a turn",
+            lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])
+    return tuple(found)

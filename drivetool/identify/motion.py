@@ -1,0 +1,154 @@
+"""The smoothed motion of the motor over the samples' intervals: what laws and the regression are functions of.
+
+A torque is held from a sample to the next, so every figure here is a mean over that interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.errors import NotEnoughData
+from drivetool.logs.experiment import Experiment
+from drivetool.logs.zero_phase import BRIDGED, low_pass
+
+# Sensor noise in the acceleration lowers the inertia of a regression by its share of the acceleration's power.
+NOISE_SHARE = 3e-3
+HIGHEST, LOWER, LOWEST = 0.2, 0.7, 2e-3  # cut-offs tried, in cycles per sample
+ORDER = 3
+TOP = 0.8  # of the Nyquist frequency, above which there is nothing but noise
+SURE = 3.0  # standard deviations of the speed's noise below which its sign is not known
+STANDS = 5e-3  # of the top speed, below which a body stands
+BAND = np.linspace(0.0, 0.5, 2049)[1:]  # cycles per sample
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Means over the samples' intervals of one experiment, each (n,); NaN outside its segments.
+
+    speed, acceleration, angle, side (of the sign of the speed)
+    time     in the middle of the interval [s] from the start of the recording
+    slow     whether the sign of the speed is not known there, or the body stands
+    known    whether it was measured there; elsewhere it is a straight line between what was
+    """
+
+    speed: np.ndarray
+    acceleration: np.ndarray
+    angle: np.ndarray
+    side: np.ndarray
+    time: np.ndarray
+    slow: np.ndarray
+    known: np.ndarray
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """A low-pass: its cut-off in cycles per sample, and the std of the noise that it leaves in the speed."""
+
+    cutoff: float
+    speed_noise: float
+
+    @property
+    def window(self) -> int:
+        """Samples over which a mean lets pass what the low-pass does."""
+        return max(round(0.4 / self.cutoff), 1)
+
+
+def smoothing_of(experiments: Sequence[Experiment], role: str) -> Smoothing:
+    """The highest cut-off at which noise is a small share of the acceleration.
+
+    raises  NotEnoughData: a stretch of 50 samples in a row is not there
+    """
+    is_angle = role.endswith("angle")
+    level, runs = _noise_level(experiments, role, is_angle)
+    difference = (2.0 * np.sin(np.pi * BAND)) ** 2 * level  # power of the noise, differenced once
+    cutoff = HIGHEST
+    while True:
+        passed = 1.0 / (1.0 + (np.tan(np.pi * BAND) / np.tan(np.pi * cutoff)) ** (2 * ORDER)) ** 2
+        speed = float(np.mean(passed * (difference if is_angle else level)))
+        noise = float(np.mean(passed * difference * ((2.0 * np.sin(np.pi * BAND)) ** 2 if is_angle else 1.0)))
+        smooth = [low_pass(run, [(0, len(run))], cutoff, ORDER) for run in runs]
+        power = np.mean(np.concatenate([np.diff(s, 2 if is_angle else 1) for s in smooth]) ** 2)
+        if noise < NOISE_SHARE * power or LOWER * cutoff < LOWEST:
+            return Smoothing(cutoff, np.sqrt(speed) / (experiments[0].step if is_angle else 1.0))
+        cutoff *= LOWER
+
+
+def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -> tuple[float, list[np.ndarray]]:
+    """(power of the sensor's white noise per sample, uninterrupted runs of the sensor)."""
+    runs = []
+    for e in experiments:
+        for first, last in e.segments:
+            known = np.flatnonzero(np.isfinite(e.signals[role][first:last])) + first
+            runs += [e.signals[role][part[0]:part[-1] + 1] for part in
+                     np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part) >= 50]
+    if not runs:
+        raise NotEnoughData("50 values of the sensor in a row", "fewer", "Record longer, or without gaps.")
+    order = 3 if is_angle else 2  # differences that leave little of the motion
+    powers = []
+    for run in runs:
+        d = np.diff(run, order)
+        spectrum = np.abs(np.fft.rfft(d * np.hanning(len(d)))) ** 2 / np.sum(np.hanning(len(d)) ** 2)
+        angular = np.pi * np.arange(len(spectrum)) / (len(spectrum) - 1)
+        top = angular > TOP * np.pi
+        powers.append(spectrum[top] / (2.0 * np.sin(0.5 * angular[top])) ** (2 * order))
+    return float(np.median(np.concatenate(powers)) / np.log(2.0)), runs
+
+
+def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: float) -> Motion:
+    """The motion of the body with that sensor; top: speed of the fastest recording."""
+    e, n = experiment, experiment.size
+    smooth = low_pass(e.signals[role], e.segments, smoothing.cutoff, ORDER)
+    found = {name: np.full(n, np.nan) for name in ("speed", "acceleration", "angle", "side")}
+    known = np.zeros(n, bool)
+    for first, last in e.segments:
+        part, measured = slice(first, last), np.isfinite(smooth[first:last])
+        if measured.sum() < 4:
+            continue
+        place = np.arange(last - first)
+        y = np.interp(place, place[measured], smooth[part][measured])
+        known[part] = _near(measured, BRIDGED)
+        if role.endswith("angle"):
+            mean = _held(np.diff(y) / e.step)
+            ends = np.concatenate([mean[:1], 0.5 * (mean[1:] + mean[:-1])])  # speed at the samples
+            angle = _held(0.5 * (y[1:] + y[:-1]))
+        else:
+            mean, ends = _held(0.5 * (y[1:] + y[:-1])), y
+            turned = np.nancumsum(mean) * e.step
+            angle = turned - 0.5 * mean * e.step
+        found["speed"][part], found["angle"][part] = mean, angle
+        found["acceleration"][part] = _held(np.diff(ends) / e.step)
+        found["side"][part] = _held(_side(ends))
+    slow = ~(np.abs(found["speed"]) > max(SURE * smoothing.speed_noise, STANDS * top))
+    return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known)
+
+
+def top_speed(experiments: Sequence[Experiment], role: str, smoothing: Smoothing) -> float:
+    """The speed that a hundredth of the samples exceeds."""
+    speeds = [np.abs(motion_of(e, role, smoothing, 0.0).speed) for e in experiments]
+    return float(np.nanquantile(np.concatenate(speeds), 0.99))
+
+
+def _near(measured: np.ndarray, most: int) -> np.ndarray:
+    """Whether at most so many values are missing in a row there."""
+    place = np.flatnonzero(measured)
+    gaps = np.diff(place) - 1
+    found = np.zeros(len(measured), bool)
+    for a, b in zip(place[:-1][gaps <= most], place[1:][gaps <= most], strict=True):
+        found[a:b + 1] = True
+    return found
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """One more value: the last interval of a stretch is taken like the one before."""
+    return np.concatenate([values, values[-1:]])
+
+
+def _side(speed: np.ndarray) -> np.ndarray:
+    """Mean sign of the speed between samples, where it changes in proportion to time."""
+    a, b = speed[:-1], speed[1:]
+    span = np.abs(a) + np.abs(b)
+    turned = (np.abs(b) - np.abs(a)) * np.sign(b) / np.where(span > 0.0, span, 1.0)
+    return np.where(a * b < 0.0, turned, np.sign(a + b))
