@@ -54,6 +54,7 @@ class Problem:
     bodies     number of bodies, whose speeds are the first states
     by_record  whether the plant differs between recordings
     anchored   index of the free start states that stay where they are in the first stretch
+    states     names of the states, by which a stretch says what is known of its start
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -69,6 +70,7 @@ class Problem:
     bodies: int = 1
     by_record: bool = False
     anchored: tuple[int, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -78,7 +80,13 @@ class Problem:
     @property
     def unknowns(self) -> int:
         """Number of estimated values, start states included."""
-        return len(self.names) + len(self.traces) * len(self.free_start) - len(self.anchored)
+        known = sum(len(self.known(i)) for i in range(len(self.traces)))
+        return len(self.names) + len(self.traces) * len(self.free_start) - known
+
+    def known(self, i: int) -> list[int]:
+        """Index of the start states of a stretch that are no unknowns: they stay where they are."""
+        stated = {j for j, name in enumerate(self.states) if name in self.traces[i].start}
+        return sorted(stated.union(self.anchored if i == 0 else ()))
 
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
         """A plant per trace; traces with one step share theirs, and one record where records differ."""
@@ -99,8 +107,8 @@ class Problem:
         for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, True), strict=True)):
             g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
             own_columns = plant.system.nq + self.free_start
-            if i == 0 and self.anchored:
-                stays = plant.system.nq + np.array(self.anchored)
+            if known := self.known(i):
+                stays = plant.system.nq + np.array(known)
                 g[stays], g[:, stays] = 0.0, 0.0
             shared += g[:k, :k]
             slope += g[:k, -1]
