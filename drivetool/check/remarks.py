@@ -89,16 +89,18 @@ def of_ranking(checks: Sequence[RecordCheck]) -> list[Finding]:
     """Where one model errs least with a fitted start state, and another from the measured one."""
     found = []
     for file, output in dict.fromkeys((c.file, c.output) for c in checks):
-        mine = [c for c in checks if (c.file, c.output) == (file, output) and c.measured_start_rmse is not None]
+        mine = [(c, c.measured_start_rmse) for c in checks
+                if (c.file, c.output) == (file, output) and c.measured_start_rmse is not None]
         if not mine:
             continue
-        fitted, begun = min(mine, key=lambda c: c.rmse), min(mine, key=lambda c: c.measured_start_rmse)
-        if begun.rmse > CLEAR * fitted.rmse and fitted.measured_start_rmse > CLEAR * begun.measured_start_rmse:
+        fitted, its = min(mine, key=lambda pair: pair[0].rmse)
+        begun, least = min(mine, key=lambda pair: pair[1])
+        if begun.rmse > CLEAR * fitted.rmse and its > CLEAR * least:
             found.append(Finding(
                 "note", "ranking-depends-on-start",
                 f"Of the {output.replace('_', ' ')} in {file}, {fitted.model} errs least with a fitted start state "
                 f"and {begun.model} from the measured one.",
-                {"fitted_start_rmse": fitted.rmse, "measured_start_rmse": begun.measured_start_rmse},
+                {"fitted_start_rmse": fitted.rmse, "measured_start_rmse": least},
                 "Compare by shorter free runs, --segment 1, or state how the recording begins with --start."))
     return found
 
