@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import Roles, first_states, problem_of, traces_of
+from drivetool.identify.start import Start, known_states
 from drivetool.logs.experiment import Experiment
 
 
@@ -45,14 +46,16 @@ class ModelRun:
         return self.motion_unit + ("/s" if role.endswith("speed") else "")
 
 
-def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0) -> ModelRun:
+def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0, start: Start | None = None) -> ModelRun:
     """Simulate a drive over the torque of a record.
 
     experiment  motor torque and any sensors; start states are fitted to the first one, the
                 motor's speed or else angle
     drive       all inertias and stiffnesses must have a value
     segment     length of the free runs [s]; 0: whole stretches
-    raises      BadParameters: a value is missing; BadOption: segments too short;
+    start       what is known of the state in which the record begins. At rest all of it is: the twists are those of
+                standing still, the angle is that of the first sample, and nothing is fitted
+    raises      BadParameters: a value is missing; BadOption: segments too short, a start state that is none;
                 BadRecording: no torque or no sensor of the motor
     """
     drive.require(drive.missing(), "a simulation")
@@ -61,12 +64,17 @@ def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0) -> Mod
                         f"{segment:g} s", "Give --segment more, or 0 for one free run.")
     seen = measured_roles(experiment, drive)
     first, every = Roles(seen.inputs, seen.outputs[:1]), Roles(seen.inputs, _all_roles(drive, seen))
-    task = Task(drive, (), first, (experiment,))
+    start = start or Start()
+    known = known_states(start, drive, (), every)
+    task = Task(drive, (), first, (experiment,), known)
     problem = task.problem(segment)
-    traces = _with_all(traces_of([experiment], seen, segment), seen, every)
+    traces = _with_all(traces_of([experiment], seen, segment, known), seen, every)
+    steady = first_states(drive, first, problem.traces)
+    starts = [guess if start.rest and t.start else fitted for t, guess, fitted in zip(
+        traces, steady, start_states(task, problem), strict=True)]
     plant = problem_of(drive, (), every, traces).plants(np.empty(0), False)[0]
     runs = [plant.outputs(trace, start) for trace, start in zip(
-        traces, _full_states(drive, first, every, traces, start_states(task, problem)), strict=True)]
+        traces, _full_states(drive, first, every, traces, starts), strict=True)]
     _join_angles(runs, traces, every)
     ends = np.cumsum([0, *(t.size for t in traces)])
     simulated = np.concatenate(runs)
@@ -104,7 +112,7 @@ def _with_all(traces: tuple[Trace, ...], seen: Roles, every: Roles) -> tuple[Tra
 
 
 def _full_states(drive: Drive, first: Roles, every: Roles, traces: tuple[Trace, ...],
-                 starts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+                 starts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """The fitted start states among those that the further angles ask for."""
     step = traces[0].step
     few = Assembly(drive, Layout((), first.inputs, first.outputs, step, gradient=False)).states
@@ -130,6 +138,8 @@ def _join_angles(runs: list[np.ndarray], traces: tuple[Trace, ...], every: Roles
         speed = every.outputs.index(role.replace("angle", "speed"))
         for k, (run, trace) in enumerate(zip(runs, traces, strict=True)):
             known = np.isfinite(trace.outputs[:, m])
+            if role == "motor_angle" and "angle" in trace.start:
+                continue
             if known.any():
                 run[:, m] += np.mean(trace.outputs[known, m] - run[known, m])
             elif k > 0:

@@ -13,6 +13,7 @@ from drivetool.identify.compose import fit_words
 from drivetool.logs.experiment import Experiment
 
 BEYOND = 0.1  # of the fitted range, from which a record counts as outside it
+CLEAR = 1.05  # ratio of two errors from which one model counts as better; the tables show less as a tie
 
 
 def of_record(experiment: Experiment, experiments: Sequence[Experiment], fitted_on: Collection[str],
@@ -81,6 +82,26 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
             "warning", "residual-depends-on-input",
             f"What the model leaves over of {where} still depends on the torque: the model lacks something "
             "physical, or a parameter is off.", evidence, "Run diagnose."))
+    return found
+
+
+def of_ranking(checks: Sequence[RecordCheck]) -> list[Finding]:
+    """Where one model errs least with a fitted start state, and another from the measured one."""
+    found = []
+    for file, output in dict.fromkeys((c.file, c.output) for c in checks):
+        mine = [(c, c.measured_start_rmse) for c in checks
+                if (c.file, c.output) == (file, output) and c.measured_start_rmse is not None]
+        if not mine:
+            continue
+        fitted, its = min(mine, key=lambda pair: pair[0].rmse)
+        begun, least = min(mine, key=lambda pair: pair[1])
+        if begun.rmse > CLEAR * fitted.rmse and its > CLEAR * least:
+            found.append(Finding(
+                "note", "ranking-depends-on-start",
+                f"Of the {output.replace('_', ' ')} in {file}, {fitted.model} errs least with a fitted start state "
+                f"and {begun.model} from the measured one.",
+                {"fitted_start_rmse": fitted.rmse, "measured_start_rmse": least},
+                "Compare by shorter free runs, --segment 1, or state how the recording begins with --start."))
     return found
 
 

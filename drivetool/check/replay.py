@@ -10,12 +10,21 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Filtered, Trace
-from drivetool.errors import BadOption
+from drivetool.errors import BadOption, Finding
 from drivetool.identify.engine import Task, segment_states, smoothed_starts
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import SENSORS, Roles, first_states, problem_of, roles_of, traces_of
+from drivetool.identify.setup import (
+    SENSORS,
+    Roles,
+    first_states,
+    measured_states,
+    problem_of,
+    roles_of,
+    traces_of,
+)
+from drivetool.identify.start import Start, contradicted_start, known_states
 from drivetool.logs.experiment import Experiment
 
 SHORTEST = 20  # samples of a segment, which pays for its start states first
@@ -26,21 +35,23 @@ MORE = (("motor2_speed", "motor2_angle"), ("table_speed", "table_angle"))
 class Replay:
     """What a model says about a record; arrays of all stretches in a row.
 
-    outputs      roles; the start states were fitted to the first one
+    roles        of inputs and outputs; the start states were fitted to the first output
     index        (n,) samples of the record; ends: where each stretch ends in it
     inputs       (n, nu); measured, simulated, predicted: (n, ny), NaN where unmeasured
+    from_measured  (n, ny) simulated from the start state that the first samples show
     innovations  (n, ny) normalised errors of the one-step predictions
     noise        of the passes, and sigma, the std of the first sensor
     known        whether the noise came with the model
     pieces       traces of the free runs with the start states, and the problem they belong to
     """
 
-    outputs: tuple[str, ...]
+    roles: Roles
     index: np.ndarray
     ends: tuple[int, ...]
     inputs: np.ndarray
     measured: np.ndarray
     simulated: np.ndarray
+    from_measured: np.ndarray
     predicted: np.ndarray
     innovations: np.ndarray
     noise: Noise
@@ -49,12 +60,18 @@ class Replay:
     problem: Problem
     starts: tuple[np.ndarray, ...]
 
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Roles of the outputs."""
+        return self.roles.outputs
+
     def stretches(self, values: np.ndarray) -> list[np.ndarray]:
         """(n, ...) values cut into uninterrupted stretches."""
         return np.split(values, self.ends[:-1])
 
 
-def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], segment: float) -> Replay:
+def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], segment: float,
+           start: Start | None = None) -> Replay:
     """Run a model over a record.
 
     experiment  motor torque and any sensors; start states are fitted to the first one only,
@@ -63,7 +80,8 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     noise       of the parameter file: sensor_std.<role>, torque_std, torque_correlation_time, torque_slow_share;
                 where they are missing the ratio is estimated on the record
     segment     length of the free runs [s]; 0: whole stretches
-    raises      BadParameters: a value is missing; BadOption: segments too short;
+    start       what is known of the state in which the record begins
+    raises      BadParameters: a value is missing; BadOption: segments too short, a start state that is none;
                 BadRecording: no torque or no sensor
     """
     drive.require(drive.missing(), "a simulation")
@@ -72,13 +90,13 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
                         f"{segment:g} s", "Give --segment more, or 0 for one free run.")
     every = measured_roles(experiment, drive)
     first = Roles(every.inputs, every.outputs[:1])
-    task = Task(drive, (), first, (experiment,))
-    pieces, problem = traces_of([experiment], every, segment), task.problem(segment)
+    known = known_states(start or Start(), drive, (), every)
+    task = Task(drive, (), first, (experiment,), known)
+    pieces, problem = traces_of([experiment], every, segment, known), task.problem(segment)
     starts = start_states(task, problem)
     model = problem_of(drive, (), every, pieces)
-    runs = simulated(model, _with_angle(drive, every, first, pieces, starts))
-    offsets = np.concatenate([np.tile(_offset(every, t, r), (t.size, 1))
-                              for t, r in zip(pieces, runs, strict=True)])
+    runs, offsets = _joined(model, every, _with_angle(drive, every, first, pieces, starts))
+    measured_runs, more = _joined(model, every, measured_states(drive, every, pieces))
     whole = traces_of([experiment], every)
     ends = np.cumsum([t.size for t in whole])
     passes, spread = _passes(task, every, [replace(t, outputs=t.outputs - o.mean(axis=0)) for t, o in zip(
@@ -87,11 +105,17 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     z = innovations / np.sqrt(np.concatenate([p.variance for p in passes]))
     measured = np.concatenate([t.outputs for t in whole])
     return Replay(
-        every.outputs, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
+        every, np.concatenate([np.arange(a, b) for a, b in experiment.segments if b - a >= 10]),
         tuple(ends.tolist()), np.concatenate([t.inputs for t in whole]), measured,
-        np.concatenate(runs) + offsets,
+        runs + offsets, measured_runs + more,
         measured - innovations, z, spread, float(np.sqrt(np.nanmean(z[:, 0] ** 2))),
         _noise_of(first, noise, problem) is not None, problem, starts)
+
+
+def begun_otherwise(drive: Drive, run: Replay) -> list[Finding]:
+    """Known start states of the free runs that the record contradicts."""
+    roles = Roles(run.roles.inputs, run.roles.outputs[:1])
+    return contradicted_start(drive, roles, run.problem, Point(np.empty(0), run.starts), run.noise, run.sigma**2)
 
 
 def measured_roles(experiment: Experiment, drive: Drive) -> Roles:
@@ -125,6 +149,13 @@ def simulated(problem: Problem, starts: Sequence[np.ndarray]) -> list[np.ndarray
     """(n, ny) free runs of the traces of a problem without free parameters."""
     plants = problem.plants(np.empty(0), False)
     return [plant.outputs(t, s) for plant, t, s in zip(plants, problem.traces, starts, strict=True)]
+
+
+def _joined(model: Problem, roles: Roles, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(outputs of free runs in a row, by how much they are to be raised), each (n, ny)."""
+    runs = simulated(model, starts)
+    offsets = [np.tile(_offset(roles, t, r), (t.size, 1)) for t, r in zip(model.traces, runs, strict=True)]
+    return np.concatenate(runs), np.concatenate(offsets)
 
 
 def resonances(drive: Drive, step: float) -> list[float]:

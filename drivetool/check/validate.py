@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.check import remarks
 from drivetool.check.correlation import Correlation, correlate, whiteness
 from drivetool.check.freerun import drift, noise_limit
-from drivetool.check.replay import Replay, replay, resonances
+from drivetool.check.replay import Replay, begun_otherwise, replay, resonances
 from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
@@ -26,9 +26,10 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     """Every model on every record: simulation, one-step prediction, what is left over.
 
     experiments  motor torque and any sensors; the start states of the free runs are fitted to
-                 the motor's speed, or else angle, so that the other sensors stay unseen
+                 the motor's speed, or else angle, so that the other sensors stay unseen; beside them are free
+                 runs of the whole stretches from the state that the first samples show
     models       (name, drive, noise of its file) each
-    options      bars, length of the free runs, seed
+    options      bars, length of the free runs, seed, what is known of the start
     fitted_on    per model, the sha256 of the recordings its fit has seen
     returns      Validation; one check per model, record and measured output
     raises       BadParameters: a model that cannot be simulated; BadRecording, BadOption: see replay
@@ -48,10 +49,11 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     exhibits: list[Exhibit] = []
     for name, (_, drive, noise), hashes in zip(names, models, seen, strict=True):
         for file, experiment in zip(files, experiments, strict=True):
-            run = replay(experiment, drive, noise, options.segment)
+            run = replay(experiment, drive, noise, options.segment, options.start)
             found = [_correlation(run, m, experiment, drive, options.seed) for m in range(len(run.outputs))]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
             checks += mine
+            findings += begun_otherwise(drive, run)
             findings += remarks.of_record(experiment, experiments, hashes, mine[0])
             findings += [] if options.segment else drift(experiment, drive, run, mine[0])
             note = noise_limit(run, mine[0], options.max_correlation, options.seed)
@@ -60,6 +62,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
             for m, (check, correlation) in enumerate(zip(mine, found, strict=True)):
                 findings += remarks.of_check(check, correlation, options)
                 exhibits += _exhibits(experiment, run, m, check, correlation, options)
+    findings += remarks.of_ranking(checks)
     unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
     return Validation(
         tuple(checks), remarks.verdict(checks, options, any(unseen), limited), tuple(findings),
@@ -90,7 +93,16 @@ def _check(name: str, file: str, experiment: Experiment, run: Replay, m: int,
         nan if correlation is None else float(correlation.band.max()),
         nan if correlation is None else 100.0 * correlation.outside,
         nan if correlation is None else correlation.p, whiteness(run.stretches(run.innovations[:, m])),
-        _fits(fit, options) and not largest > options.max_correlation)
+        _fits(fit, options) and not largest > options.max_correlation,
+        *_from_measured(run, m, options))
+
+
+def _from_measured(run: Replay, m: int, options: ValidateOptions) -> tuple[float | None, float | None]:
+    """(fit [%], rmse) of the free runs from the measured start; none of segments, which begin in any motion."""
+    if options.segment:
+        return None, None
+    y, begun = run.measured[:, m], run.from_measured[:, m]
+    return fit_percent(y, begun), float(np.sqrt(np.nanmean((y - begun) ** 2)))
 
 
 def _fits(fit: float, options: ValidateOptions) -> bool:

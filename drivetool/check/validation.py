@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit
+from drivetool.identify.start import Start
 
 
 @dataclass(frozen=True)
@@ -17,12 +18,14 @@ class ValidateOptions:
     max_correlation  largest |cross-correlation| of residual and input that is let pass
     segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
     seed             of the draws behind p-values and the fit that noise leaves possible
+    start            what is known of the state in which every recording begins
     """
 
     min_fit: float | None = None
     max_correlation: float = 0.15
     segment: float = 0.0
     seed: int = 1
+    start: Start = field(default_factory=Start)
 
 
 @dataclass(frozen=True)
@@ -32,9 +35,9 @@ class RecordCheck:
     model                   name of the parameter file, or "-"
     file                    name of the recording
     output                  role; unit: of the output and of rmse
-    simulation_fit_percent  100 (1 - |y - y^| / |y - mean y|) of a free run
+    simulation_fit_percent  100 (1 - |y - y^| / |y - mean y|) of a free run with fitted start state
     one_step_fit_percent    the same of one-step predictions; not a simulation
-    rmse                    of the free run, in the unit of `output`; nrmse: over the range
+    rmse                    of that free run, in the unit of `output`; nrmse: over the range
     r2                      1 - residual / total sum of squares
     n                       measured values
     max_correlation         largest |normalised cross-correlation| of whitened residual and
@@ -44,6 +47,8 @@ class RecordCheck:
     correlation_p           family-wise p-value over all the lags
     whiteness_p             Ljung-Box of the one-step errors, information only
     passed                  whether every bar that was set is met
+    measured_start_fit_percent, measured_start_rmse  of the free run from the state that the first samples show;
+                            None for segments, which begin in any motion
     """
 
     model: str
@@ -62,6 +67,8 @@ class RecordCheck:
     correlation_p: float
     whiteness_p: float | None
     passed: bool
+    measured_start_fit_percent: float | None = None
+    measured_start_rmse: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """drivetool backlash."""
 
+from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
 HELP = "The half gap from a record that opens it."
@@ -12,4 +13,4 @@ def _load():
     return backlash
 
 
-command = estimator_command("backlash", _load)
+command = estimator_command("backlash", _load, {"start": (cli.Start, None)})

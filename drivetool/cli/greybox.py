@@ -15,5 +15,5 @@ def _load():
 
 
 command = estimator_command("greybox", _load, {
-    "criterion": (cli.FitCriterion, cli.FitCriterionName.auto),
+    "start": (cli.Start, None), "criterion": (cli.FitCriterion, cli.FitCriterionName.auto),
     "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
     from drivetool.errors import Finding
     from drivetool.files.parameter_file import Loaded
+    from drivetool.identify.start import Start
     from drivetool.logs.experiment import Experiment
 
 
@@ -36,6 +37,7 @@ class Job:
     quiet: bool = False
     condition: Sequence[str] = ()
     more: Sequence[str] = ()  # files read by an option that this command alone has
+    start: Sequence[str] = ()
 
     @property
     def inputs(self) -> list[str]:
@@ -109,8 +111,9 @@ def as_usage() -> Iterator[None]:
 
 
 def noted(job: Job, options: Mapping[str, object]) -> dict[str, object]:
-    """The options that a step used, and the conditioning if there was any."""
-    return dict(options) | ({"condition": list(job.condition)} if job.condition else {})
+    """The options that a step used; the conditioning and what is known of the start where there is any."""
+    used = {name: value for name, value in options.items() if name != "start" or job.start}
+    return used | ({"condition": list(job.condition)} if job.condition else {})
 
 
 def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -143,20 +146,43 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|)\s*(
 
 def start_value(word: str, drive: Drive) -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
+    name = word.partition("=")[0].strip()
+    return name, _value("--set", word, drive.unit(name))
+
+
+def start_of(words: Sequence[str], drive: Drive) -> Start:
+    """'rest' and 'motor.speed=20 rpm' as what is known of the state in which the recordings begin."""
+    from drivetool.identify.start import REST, Start, checked_state
+
+    given: dict[str, float] = {}
+    for word in words:
+        name = word.partition("=")[0].strip()
+        if name in given:
+            raise BadOption("every state once after --start", f"'{name}' twice", "Drop one of the two.")
+        if word.strip() == REST:
+            given[REST] = 0.0
+            continue
+        checked_state(word if name == REST else name, 0.0, drive)
+        with as_usage():
+            given[name] = _value("--start", word, drive.motion_unit + ("/s" if name.endswith(".speed") else ""))
+        checked_state(name, given[name], drive)
+    return Start(REST in given, {name: value for name, value in given.items() if name != REST})
+
+
+def _value(option: str, word: str, wanted: str) -> float:
+    """The value of 'NAME=VALUE', in the wanted unit."""
     from drivetool.files import units
 
-    name, equals, rest = word.partition("=")
-    name, rest = name.strip(), rest.strip()
+    name, equals, rest = (part.strip() for part in word.partition("="))
     number, unit = _NUMBER.match(rest).groups()
-    wanted = drive.unit(name)
-    do = f"Write for example '--set {name}=0.4' (in {wanted or 'no unit'})."
+    do = f"Write for example '{option} {name}=0.4' (in {wanted or 'no unit'})."
     if not equals or not rest:
-        raise BadOption("NAME=VALUE after --set", f"'{word}'", do)
+        raise BadOption(f"NAME=VALUE after {option}", f"'{word}'", do)
     try:
         value = float(number)
     except ValueError:
-        raise BadOption(f"a finite number for {name} after --set", f"'{rest}'", do) from None
-    return name, value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
+        raise BadOption(f"a finite number for {name} after {option}", f"'{rest}'", do) from None
+    return value * (units.factor(unit.strip(), wanted, name) if unit else 1.0)
 
 
 def check_outputs(job: Job, **further: str | None) -> None:

@@ -73,6 +73,10 @@ Free = Annotated[list[str] | None, _option(
 Set = Annotated[list[str] | None, _option(
     "--set", metavar="NAME=VALUE", help="Start value, with unit if not the drive's own: "
     "'shaft.half_gap=2 mrad'; repeatable.")]
+Start = Annotated[list[str] | None, _option(
+    "--start", metavar="rest|STATE=VALUE", help="Known state in which every recording begins, so that it is not "
+    "fitted: 'rest' for standstill, BODY.speed=VALUE, SHAFT.twist=VALUE, or the angle of the first body, as in "
+    "'motor.angle=90 deg'; repeatable.")]
 Criterion = Annotated[CriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation; auto "
     "fits several explanations of the record and lets free runs choose.")]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, drive_for, open_all
+from drivetool.cli.inputs import Job, drive_for, open_all, start_of
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
@@ -29,12 +29,12 @@ Segment = Annotated[float, typer.Option(
 
 def command(
     log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
-    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, plot: cli.Plot = None,
-    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, start: cli.Start = None,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
     job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
-              condition or ())
+              condition or (), start=start or ())
     guarded("simulate", lambda: run(job, segment), debug, quiet)
 
 
@@ -50,11 +50,14 @@ def run(job: Job, segment: float) -> int:
                         "The table is binary; write for example '--out sim.parquet'.")
     opened = open_all(job)
     experiment, = opened.experiments
-    found = run_model(experiment, drive_for(job, opened), segment)
+    drive = drive_for(job, opened)
+    found = run_model(experiment, drive, segment, start_of(job.start, drive))
     models = ", ".join(name for name, _ in opened.inputs)
     about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
     if job.condition:
         about["condition"] = "; ".join(job.condition)
+    if job.start:
+        about["start"] = "; ".join(job.start)
     write_whole(job.out, run_table(found, about))
     pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
     if not job.quiet:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all
+from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import DriveToolError
 
@@ -42,7 +42,7 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
         quiet: cli.Quiet = False, **more: object,
     ) -> None:
         job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
-                  condition or ())
+                  condition or (), start=more.pop("start", None) or ())
 
         def work() -> int:
             from drivetool.identify.options import Options
@@ -80,7 +80,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         for name in (*options.hold, *options.free):
             if name != "all":
                 drive.quantity(name)
-    options = replace(options, known=opened.loaded.covariance(drive))
+    options = replace(options, start=start_of(job.start, drive), known=opened.loaded.covariance(drive))
     try:
         estimate = estimator(opened.experiments, drive, options)
     except DriveToolError:

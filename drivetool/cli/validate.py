@@ -11,9 +11,9 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded, say
-from drivetool.errors import DriveToolError
+from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
@@ -41,14 +41,15 @@ def command(
     logs: cli.Logs, params: cli.Models, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
-    segment: Segment = 0.0, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
+    segment: Segment = 0.0, start: cli.Start = None, seed: cli.Seed = 1, out: cli.Out = None,
+    json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> None:
     """Each --params file is a model of its own; see HELP."""
     job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
-              (gains,) if gains else ())
+              (gains,) if gains else (), start or ())
 
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
@@ -64,6 +65,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     from drivetool.cli.replay import replay_gains
     from drivetool.files.result_file import validation_file
 
+    if job.start:
+        raise BadOption("--start or --gains", "both", "A replay of the closed loop begins as the record does.")
     opened = open_all(job)
     models = [(source.name, source.sha256, drive_for(job, opened, replace(opened.loaded, sources=(source,))))
               for source in opened.loaded.sources]
@@ -93,6 +96,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     models = [(source.name, drive_for(job, opened, one), one.noise)
               for source in opened.loaded.sources
               for one in [replace(opened.loaded, sources=(source,))]]
+    options = replace(options, start=start_of(job.start, models[0][1]))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,7 @@ class Trace:
     origin   time of its first sample after the start of the recording [s]
     record   number by which its recording is known
     lead     (m, nu) torques before its first sample, the latest last, as far as they are known
+    start    what is known of its start state: state -> value, the states named as in `Assembly`
     """
 
     inputs: np.ndarray
@@ -33,6 +34,7 @@ class Trace:
     origin: float = 0.0
     record: int = 0
     lead: np.ndarray | None = None
+    start: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self):
         for name in ("inputs", "outputs"):  # the kernel walks along the rows

@@ -111,10 +111,11 @@ class CheckSection(Shape):
     file: str
     output: str
     unit: str
-    simulation_fit_percent: Annotated[Number, Meta(description="of a free run; null for a constant signal")]
+    simulation_fit_percent: Annotated[
+        Number, Meta(description="of a free run, its start state fitted; null for a constant signal")]
     one_step_fit_percent: Annotated[
         Number, Meta(description="of one-step predictions; not a simulation")]
-    rmse: Annotated[Number, Meta(description="of the free run, in unit")]
+    rmse: Annotated[Number, Meta(description="of that free run, in unit")]
     nrmse: Annotated[Number, Meta(description="rmse over the range of the output")]
     r2: Number
     n: int
@@ -125,6 +126,9 @@ class CheckSection(Shape):
     correlation_p: Annotated[Number, Meta(description="family-wise, over all the lags")]
     whiteness_p: Annotated[Number, Meta(description="of the one-step errors, information only")]
     passed: bool
+    measured_start_fit_percent: Annotated[
+        Number, Meta(description="of a free run from the state of the first samples; null for segments")] = None
+    measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
 
 
 class SizeSection(Shape):

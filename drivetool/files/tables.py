@@ -45,6 +45,8 @@ def print_validation(file: shapes.ValidationFile, console: Console) -> None:
     for output in dict.fromkeys(check.output for check in file.checks):
         checks = [check for check in file.checks if check.output == output]
         console.print(check_table(checks))
+        if any(check.measured_start_rmse is not None for check in checks):
+            console.print(start_table(checks))
         models, files = _names(checks, "model"), _names(checks, "file")
         if len(models) > 1 and len(files) > 1:
             console.print(cross_table(checks))
@@ -95,6 +97,20 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
                  "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}")
         mark = Text("met", "green") if check.passed else Text("missed", "bold red")
         table.add_row(*map(Text, cells), mark)
+    return table
+
+
+def start_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """Error of the free runs by their start state, one row per model and record, for one output."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
+                  title=Text(f"rmse of the free runs, {checks[0].unit}"), title_justify="left")
+    for title in ("model", "record"):
+        table.add_column(title, overflow="fold")
+    for title in ("start state fitted", "start state measured"):
+        table.add_column(title, justify="right", min_width=len(title))
+    for check in checks:
+        cells = (_stem(check.model), _stem(check.file), short(check.rmse), short(check.measured_start_rmse))
+        table.add_row(*map(Text, cells))
     return table
 
 

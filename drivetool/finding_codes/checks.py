@@ -90,6 +90,11 @@ CODES = {
         "The steps in which a sensor is logged make up at least a tenth of its noise variance. In slow motion "
         "this error is correlated, and fits can take it for physics.",
         "Log the sensor with more digits or from a finer sensor; for a speed, log the angle."),
+    "ranking-depends-on-start": Code(
+        NOTE,
+        "One model has the least simulation error with a fitted start state, another one from the measured start "
+        "state. A fitted start state can compensate for errors of a model.",
+        "Compare shorter free runs with `--segment`, or state a known start with `--start`."),
     "record-was-used-for-the-fit": Code(
         WARNING,
         "The record was used for the fit of the model. This is no validation.",

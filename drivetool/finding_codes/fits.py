@@ -252,6 +252,11 @@ CODES = {
         NOTE,
         "Steady intervals at standstill are left out, since static friction takes any torque there.",
         "Nothing."),
+    "start-contradicted": Code(
+        WARNING,
+        "The first samples of a recording contradict the start state stated with `--start`, by more than 8 "
+        "standard deviations. What is fitted compensates for it and is biased.",
+        "Leave `--start` out, or begin where the drive rests: `--condition 'keep from=SECONDS'`."),
     "torque-command-assumed": Code(
         NOTE,
         "The channel map does not say whether the torque is a command or a measurement. It is taken as the "

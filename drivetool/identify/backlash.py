@@ -28,6 +28,7 @@ from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import covariance_of
 from drivetool.identify.search import AT_ONCE
 from drivetool.identify.setup import first_states, led_in, roles_of
+from drivetool.identify.start import known_states
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
@@ -45,7 +46,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
 
     experiments  records whose shaft torque changes sign
     drive        inertias, stiffness, damping and friction from the steps before
-    options      hold, free, criterion, starts, segment
+    options      hold, free, criterion, starts, segment, start
     returns      Estimate of <shaft>.half_gap [rad], interval by curvature, or by profile likelihood
                  where that is wide
     raises       BadOption: a drive without shaft; BadParameters: a value is missing
@@ -62,7 +63,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     gaps = [f"{s}.half_gap" for s in drive.shafts]
     free = chosen(drive, gaps, options)
     gaps = [g for g in gaps if g in free]
-    task = Task(drive, free, roles, tuple(experiments))
+    task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     closed = {g: contact(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}
     shut = [g for g in gaps if not closed[g].reverses]
     if shut:

@@ -20,6 +20,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
+from drivetool.identify.start import contradicted_start
 from drivetool.identify.task import Task
 from drivetool.identify.told_together import on_the_last, told_together
 
@@ -61,7 +62,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, more = parameters_of(problem, solution, known_too, after, extra)
-    more = (*more, *contradicted(known, before, after, covariance))
+    more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
     lines, covariance = told_together(lines, covariance, task.at_point(solution.point), known)
     own, figures = task.at_point(solution.point), {}
     if explanation is not None:
@@ -86,7 +87,8 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     noise, noise_findings = noise_figures(outcome)
     return Estimate(
         step, after, lines, how_it_ended(outcome), figures, covariance, noise,
-        {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
+        {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
+         **({"known_start": dict(task.start)} if task.start else {})},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
@@ -129,6 +131,14 @@ def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Cov
         {name: z for name, (_, z) in off.items()},
         "Run diagnose on both recordings; friction of the load, say, is fitted with --free load.coulomb "
         "--set load.coulomb=1.")]
+
+
+def _not_begun_so(outcome: Outcome) -> list[Finding]:
+    """Known start states that the record contradicts."""
+    problem, solution, fit = outcome.problem, outcome.solution, outcome.fit
+    variance = solution.cost / max(problem.count - problem.unknowns, 1)
+    return contradicted_start(
+        outcome.drive, outcome.task.roles, problem, solution.point, fit and fit.noise, variance)
 
 
 def starts_of(outcome: Outcome) -> Starts:

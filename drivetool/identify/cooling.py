@@ -140,6 +140,8 @@ def sides(problem: Problem, point: Point, gains: Sequence[Gains], samples: int =
         # A drive with smooth laws has further columns, for the kernel alone.
         for spring, reach in zip(system.spring[:, :plant.nx, 0], system.reach[:, 0], strict=True):
             twist = np.flatnonzero(spring)[-1]
+            if twist in problem.known(i):
+                continue
             for torque in (0.0, 1.01 * reach, -1.01 * reach):
                 trial = starts[i].copy()
                 trial[twist] += (torque - spring @ trial) / spring[twist]

@@ -21,7 +21,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.resonance import resonances
 from drivetool.identify.rough import balanced
 from drivetool.identify.search import AT_ONCE, Descent, apart, searched, values_of
-from drivetool.identify.setup import first_point, first_states
+from drivetool.identify.setup import first_point, first_states, with_known
 from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.progress import counted
 
@@ -299,7 +299,7 @@ def segment_states(task: Task, traces: Sequence[Trace], hot: float | None = None
         done = 0
         while done < trace.size:
             piece = traces[len(found)]
-            found.append(passed.states[done].copy())
+            found.append(with_known(whole.states, piece, passed.states[done].copy()))
             done += piece.size
     return tuple(found)
 

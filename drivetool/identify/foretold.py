@@ -37,7 +37,7 @@ def with_laws(task: Task, laws: Sequence[Law], body: str = "motor", factors: Seq
         columns = np.nan_to_num(np.column_stack([law.columns[k] for law in laws]))
         experiments.append(replace(e, signals={**e.signals, **dict(zip(names, columns.T, strict=True))}))
     roles = replace(task.roles, inputs=(*task.roles.inputs, *names))
-    return Task(drive, (*task.free, *names), roles, tuple(experiments))
+    return replace(task, drive=drive, free=(*task.free, *names), roles=roles, experiments=tuple(experiments))
 
 
 def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law], most: int = MOST) -> tuple[list[Law], np.ndarray]:
@@ -85,20 +85,22 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
     total, done = np.zeros((FOLDS, width, width)), 0
     for i, trace in enumerate(problems[0].traces):
         nx = plants[0][i].nx
-        whole = np.zeros((FOLDS, nx + width, nx + width))
+        unknown = np.setdiff1d(np.arange(nx), problems[0].known(i))
+        m = len(unknown)
+        whole = np.zeros((FOLDS, m + width, m + width))
         runs = [ps[i].sensitivities(p.traces[i], start[i], passes[i].gains) for ps, p in zip(plants, problems, strict=True)]
         for chunk in zip(*runs, strict=True):
             part, first = chunk[0]
             nq = plants[0][i].system.nq
-            columns = [first[:, :, nq:nq + nx], first[:, :, :own]]
+            columns = [first[:, :, nq + unknown], first[:, :, :own]]
             columns += [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk[1:], tasks[1:], strict=True)]
             columns.append(first[:, :, -1:])
             flat = np.concatenate(columns, axis=2)
             fold = (done + np.arange(part.start, part.stop)) * FOLDS // count
             for f in np.unique(fold):
-                rows = flat[fold == f].reshape(-1, nx + width)
+                rows = flat[fold == f].reshape(-1, m + width)
                 whole[f] += rows.T @ rows
-        total += _without(whole, nx)
+        total += _without(whole, m)
         done += trace.size
     return total
 

@@ -22,6 +22,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.results import covariance_of, parameters_of
 from drivetool.identify.spectra import SpectraOptions, Spectrum, spectra
+from drivetool.identify.start import Start
 from drivetool.logs.experiment import Experiment
 
 UNEXPLAINED = 2.0  # chi-square per degree above which the model, not the noise, is what is left
@@ -180,6 +181,9 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     source       bus driveline paper, the log criterion; Pintelon and Schoukens 2012, sec. 9.11, for
                  the maximum-likelihood one
     """
+    if options.start != Start():
+        raise BadOption("a criterion in time for --start", "frequency, which knows no start state",
+                        "Leave --start out, or take --criterion innovations.")
     names = tuple(n for n in free if not n.endswith(SILENT))
     if not names:
         raise BadOption("a free parameter that a linear response shows", "none", "Free an inertia or stiffness.")

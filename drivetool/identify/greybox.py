@@ -35,6 +35,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.setup import led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
+from drivetool.identify.start import known_states
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
 from drivetool.identify.uncrossed import all_uncrossed, from_below
@@ -53,7 +54,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     experiments  motor_torque and a sensor: motor_speed, else motor_angle; also load_speed or
                  load_angle and shaft_torque where they were logged. Fitted together
     drive        start values; all inertias and stiffnesses must have one
-    options      hold, free, criterion, segment
+    options      hold, free, criterion, segment, start
     returns      Estimate: inertias, stiffness, damping, friction, and what is freed
     raises       BadParameters: a start value is missing; NotEnoughData: too short a record
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
@@ -68,7 +69,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         from drivetool.identify.frequency_fit import greybox_by_frequency
 
         return greybox_by_frequency(experiments, drive, free, options)
-    task = Task(drive, free, roles, tuple(experiments))
+    task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     if options.criterion == "auto" and explainable(white):
@@ -154,7 +155,7 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     def judged(fitted: Callable[[Task], Outcome]) -> float:
         """Fit of free runs over what was not fitted to."""
         point = fitted(replace(task, experiments=tuple(train))).solution.point
-        problem, _, runs = free_run(replace(task.at_point(point), experiments=tuple(rest)))
+        problem, _, runs = free_run(replace(task.at_point(point), experiments=tuple(rest), start={}))
         y = np.concatenate([t.outputs[:, 0] for t in problem.traces])
         return fit_percent(y, np.concatenate([r[:, 0] for r in runs]))
 

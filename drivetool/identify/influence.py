@@ -27,7 +27,7 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     matrix, slopes, cost, done = np.zeros((k, k)), np.zeros((BLOCKS, k)), 0.0, 0
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, True), strict=True)):
         s = plant.system
-        own = s.nq + problem.free_start
+        own = s.nq + np.setdiff1d(problem.free_start, problem.known(i))
         sums = np.zeros((BLOCKS, s.ns, s.ns))
         weight = None if gains else 1.0 / problem.scale
         parts = plant.sensitivities(trace, point.starts[i], gains[i] if gains else None, weight)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from drivetool.identify.estimate import Covariance
+from drivetool.identify.start import Start
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency"]
 Weighting = Literal["variance", "coherence"]
@@ -30,6 +31,7 @@ class Options:
     weighting  of a fit in the frequency domain: by the measured variance (maximum likelihood), or by
                coherence over frequency
     band       (low, high) Hz of a fit in the frequency domain; None: where the record is excited
+    start      greybox and backlash: what is known of the state in which every recording begins
     known      covariance of the values that the parameter files bring, so that the interval of
                what is fitted includes the uncertainty of what is held
     """
@@ -45,4 +47,5 @@ class Options:
     noise_order: int | None = None
     weighting: Weighting = "variance"
     band: tuple[float, float] | None = None
+    start: Start = field(default_factory=Start)
     known: Covariance | None = None

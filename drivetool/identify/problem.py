@@ -56,6 +56,7 @@ class Problem:
     anchored   index of the free start states that stay where they are in the first stretch
     lag        samples over which a free run's errors are differenced: those of an angle are then errors of a speed;
                0: not at all
+    states     names of the states, by which a stretch says what is known of its start
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -72,6 +73,7 @@ class Problem:
     by_record: bool = False
     anchored: tuple[int, ...] = ()
     lag: int = 0
+    states: tuple[str, ...] = ()
 
     @property
     def count(self) -> int:
@@ -81,7 +83,13 @@ class Problem:
     @property
     def unknowns(self) -> int:
         """Number of estimated values, start states included."""
-        return len(self.names) + len(self.traces) * len(self.free_start) - len(self.anchored)
+        known = sum(len(self.known(i)) for i in range(len(self.traces)))
+        return len(self.names) + len(self.traces) * len(self.free_start) - known
+
+    def known(self, i: int) -> list[int]:
+        """Index of the start states of a stretch that are no unknowns: they stay where they are."""
+        stated = {j for j, name in enumerate(self.states) if name in self.traces[i].start}
+        return sorted(stated.union(self.anchored if i == 0 else ()))
 
     def plants(self, values: np.ndarray, gradient: bool) -> list[Plant]:
         """A plant per trace; traces with one step share theirs, and one record where records differ."""
@@ -106,8 +114,8 @@ class Problem:
             else:
                 g = plant.normal_equations(t, point.starts[i], gains[i] if gains else None, 1.0 / self.scale)
             own_columns = plant.system.nq + self.free_start
-            if i == 0 and self.anchored:
-                stays = plant.system.nq + np.array(self.anchored)
+            if known := self.known(i):
+                stays = plant.system.nq + np.array(known)
                 g[stays], g[:, stays] = 0.0, 0.0
             shared += g[:k, :k]
             slope += g[:k, -1]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 
@@ -58,8 +59,12 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
     return Roles(inputs, tuple(outputs))
 
 
-def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0) -> tuple[Trace, ...]:
-    """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero."""
+def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0,
+              start: Mapping[str, float] = MappingProxyType({})) -> tuple[Trace, ...]:
+    """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero.
+
+    start  what is known of the state in which every experiment begins; nothing of what comes after a gap or a cut
+    """
     found = []
     for e in experiments:
         u = np.column_stack([e.signals[r] for r in roles.inputs])
@@ -68,7 +73,8 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
-                            e.offset + a * e.step, e.number, u[first:a] if a > first else None)
+                            e.offset + a * e.step, e.number, u[first:a] if a > first else None,
+                            start if a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
@@ -115,9 +121,9 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     """The problem of fitting some parameters of a drive to traces.
 
     free     parameter names; the others keep their value
-    returns  Problem whose start states are all free: what the torque was before the record nobody knows. Where no
-             angle is measured it counts from the first sample: a torque that repeats with it would turn with any
-             other zero
+    returns  Problem whose start states are free but for those that a trace knows: what the torque was before the
+             record nobody knows. Where no angle is measured it counts from the first sample: a torque that repeats
+             with it would turn with any other zero
 
     Shaft damping moves later than the rest: at a start where the resonance lies a little off, the
     quickest way down is to damp it away, and from there no way leads back.
@@ -137,7 +143,8 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
         by_record=load_step.only_in(drive.values),
-        anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"))
+        anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
+        states=tuple(plain.states))
 
 
 def _felt_in(drive: Drive, trace: Trace) -> Drive:
@@ -181,22 +188,29 @@ def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
 
 def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],
                  free: Sequence[str] = ()) -> tuple[np.ndarray, ...]:
-    """Start states as if every trace began in steady motion.
+    """Start states as if every trace began in steady motion; what a trace knows of its own is as it says.
 
     free  names of parameters that are fitted: an effect may need a state although it starts from nothing
     """
     return tuple(_steady_state(drive, roles, t, free) for t in traces)
 
 
-def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str]) -> np.ndarray:
+def measured_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
+    """Start states as the first samples show them: the same, with the speed of the first sample itself.
+
+    Where a trace begins in an acceleration the mean speed of its first samples comes too late.
+    """
+    return tuple(_steady_state(drive, roles, t, (), 1) for t in traces)
+
+
+def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str], order: int = 0) -> np.ndarray:
     layout = Layout(tuple(free), roles.inputs, roles.outputs, trace.step, gradient=False)
     plain = Assembly(drive, layout)
     x = np.zeros(plain.nx)
-    speed = _motor_speed(roles, trace)
-    n = len(drive.bodies)
-    speeds = [speed]
-    for _, _, ratio in plain.shafts:
-        speeds.append(speeds[-1] / ratio.v)
+    n, known = len(drive.bodies), trace.start
+    speeds = [known.get(plain.states[0], _motor_speed(roles, trace, order))]
+    for name, (_, _, ratio) in zip(plain.states[1:n], plain.shafts, strict=True):
+        speeds.append(known.get(name, speeds[-1] / ratio.v))
     x[:n] = speeds
     below = 0.0  # torque that everything beyond a shaft asks of it
     for k in range(n - 2, -1, -1):
@@ -207,14 +221,22 @@ def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str])
         gap = plain.gaps[k].v if k in plain.gaps else 0.0
         x[n + k] = below / stiffness.v + gap * np.sign(below)
         below /= ratio.v
+    with_known(plain.states, trace, x)
     _set_angles(plain, roles, trace, x)
     if "converter" in plain.states:
         x[plain.states.index("converter")] = trace.inputs[0, 0]
     return x
 
 
+def with_known(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:
+    """The start state (nx,) of a trace, in place, with what is known of it."""
+    for i, name in enumerate(states):
+        x[i] = trace.start.get(name, x[i])
+    return x
+
+
 def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
-    """Set the motor angle from the first encoder, and the zeros of the others."""
+    """Set the motor angle from the first encoder unless it is known, and the zeros of the others."""
     for m, role in enumerate(roles.outputs):
         known = trace.outputs[np.isfinite(trace.outputs[:, m]), m]
         if not role.endswith("angle") or not len(known):
@@ -222,21 +244,29 @@ def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> N
         row, _ = plain.output(role)
         zero = f"{role}.zero"
         column = plain.states.index(zero if zero in plain.states else "angle")
+        if plain.states[column] in trace.start:
+            continue
         rest = sum(dual.v * x[j] for j, dual in row.items() if j != column)
         x[column] = (known[0] - rest) / row[column].v
 
 
-def _motor_speed(roles: Roles, trace: Trace) -> float:
-    """Speed over the first samples that were measured: the mean, or the slope of an angle."""
+def _motor_speed(roles: Roles, trace: Trace, order: int) -> float:
+    """Speed of the first samples that were measured, from a speed or the slope of an angle.
+
+    order  of the polynomial that the speed is taken for: 0 its mean; 1 a straight line, at the first sample
+    """
     first = int(np.argmax(np.isfinite(trace.outputs[:, 0])))
     head = trace.outputs[first:first + max(5, min(20, trace.size // 10)), 0]
     good = np.isfinite(head)
     if not good.any():
         return 0.0
-    if roles.outputs[0].endswith("speed"):
+    of_angle = not roles.outputs[0].endswith("speed")
+    if order == 0 and not of_angle:
         return float(head[good].mean())
+    if good.sum() <= 2 + order:
+        return 0.0
     t = np.arange(len(head))[good] * trace.step
-    return float(np.polyfit(t, head[good], 1)[0]) if good.sum() > 2 else 0.0
+    return float(np.polyfit(t, head[good], order + of_angle)[-2 if of_angle else -1])
 
 
 def first_point(drive: Drive, problem: Problem, roles: Roles) -> Point:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Trace
 from drivetool.identify.innovations import Fit
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.problem import Point, Problem
@@ -17,22 +18,29 @@ from drivetool.logs.experiment import Experiment
 
 @dataclass(frozen=True)
 class Task:
-    """A drive to be fitted to recordings."""
+    """A drive to be fitted to recordings.
+
+    start  what is known of the state in which every recording begins, see start.py
+    """
 
     drive: Drive
     free: tuple[str, ...]
     roles: Roles
     experiments: tuple[Experiment, ...]
+    start: Mapping[str, float] = field(default_factory=dict)
 
     def problem(self, segment: float = 0.0, free: Sequence[str] | None = None) -> Problem:
         """The least-squares problem, with traces cut to `segment` seconds if above zero."""
         free = self.free if free is None else tuple(free)
-        return problem_of(self.drive, free, self.roles, traces_of(self.experiments, self.roles, segment))
+        return problem_of(self.drive, free, self.roles, self.traces(segment))
 
     def linear_problem(self, segment: float = 0.0) -> Problem:
         """The same without gaps and Coulomb friction, for observers; it takes the same points."""
-        return linear_problem_of(self.drive, self.free, self.roles,
-                                 traces_of(self.experiments, self.roles, segment))
+        return linear_problem_of(self.drive, self.free, self.roles, self.traces(segment))
+
+    def traces(self, segment: float = 0.0) -> tuple[Trace, ...]:
+        """The stretches of the recordings, cut to `segment` seconds if above zero."""
+        return traces_of(self.experiments, self.roles, segment, self.start)
 
     def at(self, values: Mapping[str, float]) -> Task:
         """The task with other values of the drive."""

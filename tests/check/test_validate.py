@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from drivetool.check.remarks import of_ranking
 from drivetool.check.validate import validate
 from drivetool.check.validation import ValidateOptions
 from drivetool.cli import main
@@ -274,6 +275,18 @@ def test_a_signal_that_never_changes_has_no_fit_and_the_verdict_says_so():
     told = [found.verdict, *(f.text for f in found.findings), *(e.title for e in found.exhibits)]
     assert sum("undefined (the signal is constant)" in text for text in told) == 3
     assert not [text for text in told if "nan" in text.split()]
+
+
+@pytest.mark.parametrize("errors, turned", [
+    (((1.0, 4.0), (2.0, 3.0)), True), (((1.0, 3.0), (2.0, 4.0)), False),
+    (((1.0, 3.1), (2.0, 3.0)), False), (((1.0, 4.0), (1.04, 3.0)), False), (((1.0, 4.0),), False)])
+def test_a_ranking_that_turns_with_the_start_state_is_told(errors, turned):
+    check = judged("rig", "steps_holdout").checks[0]
+    checks = [replace(check, model=f"{i}.yaml", rmse=fitted, measured_start_rmse=begun)
+              for i, (fitted, begun) in enumerate(errors)]
+    found = of_ranking([*checks, replace(check, file="other.parquet")])
+    assert [f.code for f in found] == ["ranking-depends-on-start"] * turned
+    assert not turned or "0.yaml errs least with a fitted start state and 1.yaml" in found[0].text
 
 
 def test_what_cannot_be_validated():
