@@ -17,16 +17,18 @@ from drivetool.identify.influence import influence_of, sandwich
 from drivetool.identify.innovations import fit_innovations, settle
 from drivetool.identify.judge import Judge
 from drivetool.identify.laws import Law, library
-from drivetool.identify.motion import Motion, Smoothing, motion_of, smoothing_of, top_speed
+from drivetool.identify.log_noise import likely_noise
+from drivetool.identify.motion import Motion, motion_of, smoothing_of, top_speed
+from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.regression import Regression, regress, regressable
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Outcome, Task
 
 FREE_RUN = 1.0  # s, of the segments of the fit to free runs
-ROUNDS = 3  # of looking for laws: those that are taken out show others
+ROUNDS = 4  # of looking for laws: those that are taken out show others
 ELSEWHERE = 3.0  # standard deviations between a fit and the regression from which another start is worth its time
 FEWEST = 200  # measured values in a row: sixteen blocks of a dozen
-QUICK = 3  # rounds of a fit on the way
+QUICK = 6  # rounds of a fit on the way
 STANDSTILL = 0.01  # of the top speed: below it friction has no line
 
 
@@ -55,22 +57,22 @@ class Candidate:
 def nearest_line(task: Task, laws: Sequence[Law], motions: Sequence[Motion], top: float) -> np.ndarray:
     """(k, k + m) from the free parameters and the laws' factors to the drive's own parameters.
 
-    Friction is the line Fc + B v nearest to the whole curve over the speeds visited, the inertia that nearest to what
-    the angles visited have, the idle torque has the mean of all else. So each means the same with laws and without.
+    Friction is the line Fc + B v nearest to the whole curve over the speeds visited, the inertia its mean over
+    the angles visited, the idle torque has the mean of all else. So each means the same with laws and without.
     """
     found = np.hstack([np.eye(len(task.free)), np.zeros((len(task.free), sum(law.size for law in laws)))])
-    speed, side, acceleration = (np.concatenate([getattr(x, n) for x in motions]) for n in (
-        "speed", "side", "acceleration"))
+    speed, side = (np.concatenate([getattr(x, n) for x in motions]) for n in ("speed", "side"))
     moving = np.isfinite(speed) & (np.abs(speed) > STANDSTILL * top)
     one = np.ones(len(speed))
-    shapes = {"inertia": {"motor.inertia": acceleration}, "idle torque": {"motor.idle_torque": one},
-              "friction": {"motor.viscous": speed, "motor.coulomb": side}}
+    shapes = {"idle torque": {"motor.idle_torque": one}, "friction": {"motor.viscous": speed, "motor.coulomb": side}}
     if "motor.coulomb" not in task.free:  # then the motion has one direction, or that friction is known
         shapes["friction"] = {"motor.viscous": speed, "motor.idle_torque": one}
     column = len(task.free)
     for law in laws:
-        lines = {n: c[moving] for n, c in shapes[law.of].items() if n in task.free}
-        if lines:
+        lines = {n: c[moving] for n, c in shapes.get(law.of, {}).items() if n in task.free}
+        if law.inertia is not None:
+            found[task.free.index("motor.inertia"), column:column + law.size] = law.inertia
+        elif lines:
             share = np.linalg.lstsq(np.column_stack(list(lines.values())), np.concatenate(law.columns)[moving],
                                     rcond=None)[0]
             found[[task.free.index(n) for n in lines], column:column + law.size] = share
@@ -118,11 +120,12 @@ def candidates_of(task: Task, white: Outcome) -> Field:
 
     white = _better(white, least_squares(()))
     found = {"white": white, "coloured": coloured(white)}
-    laws, best = _with_found_laws(found["coloured"], library(motions, top, task.drive.motion_unit == "rad"),
-                                  least_squares)
+    laws, best = _with_found_laws(found["coloured"], library(
+        motions, top, task.drive.motion_unit == "rad", likely_noise(task.experiments, "motor_torque")), least_squares)
     if laws:
         start = best.task.at_point(best.solution.point)
-        found["white, laws"] = best if best.fit.noise.memory is None else _from(start, white)
+        found["white, laws"] = best if best.fit.noise.memory is None else _better(
+            _from(start, white), least_squares(laws))
         found["coloured, laws"] = best if best.fit.noise.memory is not None else coloured(best)
     else:
         found |= {f"{name}, laws": outcome for name, outcome in found.items()}
@@ -180,14 +183,20 @@ def _better(fit: Outcome, by: Regression | None) -> Outcome:
     """The likelier of a fit and, where that is elsewhere, of one from where the regression is."""
     if by is None:
         return fit
-    covariance, influence = influence_of(fit)
+    covariance, _ = influence_of(fit)
     off = np.abs(fit.solution.point.values - by.values)
-    apart = sandwich(influence - by.influence).diagonal() + covariance.diagonal()
-    if np.all(off < ELSEWHERE * np.sqrt(apart)):
+    if np.all(off < ELSEWHERE * np.sqrt(sandwich(by.influence).diagonal() + covariance.diagonal())):
         return fit
     values = np.clip(by.values, fit.problem.low, fit.problem.high)
-    other = _from(fit.task.at(dict(zip(by.names, values, strict=True))), fit, QUICK)
-    return min(fit, other, key=lambda o: o.fit.value)
+    task = fit.task.at(dict(zip(by.names, values, strict=True)))
+    problem, noise = fit.problem, fit.fit.noise
+    point = first_point(task.drive, problem, task.roles)
+    # Sought everywhere: that of a fit which went astray hides what is right here.
+    fresh = fit_ratio(problem, point, Noise(1.0, None, noise.scale))
+    other = fit_innovations(problem, point, replace(noise, ratio=fresh.ratio), arrived=True, most=QUICK)
+    other = settle(problem, other) if other.converged else other
+    others = [_from(task, fit, QUICK), Outcome(task, problem, other.solution, other, fit.starts, other.converged)]
+    return min([fit, *others], key=lambda o: o.fit.value)
 
 
 def _from(task: Task, before: Outcome, most: int = 12) -> Outcome:

@@ -22,7 +22,7 @@ from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 from drivetool.identify.start import contradicted_start
 from drivetool.identify.task import Task
-from drivetool.identify.told_together import on_the_last, told_together
+from drivetool.identify.told_together import on_the_last, only_ratios, told_together, without_sizes
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
@@ -63,16 +63,22 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     known_too = replace(before, known_torques=after.known_torques)
     lines, covariance, more = parameters_of(problem, solution, known_too, after, extra)
     more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
-    lines, covariance = told_together(lines, covariance, task.at_point(solution.point), known)
     own, figures = task.at_point(solution.point), {}
     if explanation is not None:
         lines, covariance = told(lines, explanation)
+        figures = dict(explanation.figures)
         if explanation.laws:
             figures["simulation_fit_percent_with_laws"] = simulated_percent(own, outcome.fit.noise)
         own = explanation.own
         after = own.drive
+    if only_ratios(outcome):
+        lines, ratios = without_sizes(lines, outcome)
+        more = (*(f for f in more if f.code != ratios.code), ratios)
+    lines, covariance = told_together(lines, covariance, own, known)
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
+    if explanation is not None and explanation.worthless:
+        lines, covariance = without_intervals(lines, "the drive explains less than a constant does"), None
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
@@ -168,9 +174,9 @@ def unsettled(outcome: Outcome) -> bool:
     return outcome.fit.gain > STILL or (len(others) > 1 and others[1] > CONFIRMED)
 
 
-def without_intervals(lines: Sequence[Parameter]) -> tuple[Parameter, ...]:
+def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
     """The lines with no interval on what was fitted."""
-    return tuple(replace(p, std=None, ci95=None, reason="the fit did not settle")
+    return tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, reason=why)
                  if p.status in ("fitted", "at-bound") else p for p in lines)
 
 

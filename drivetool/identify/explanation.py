@@ -28,7 +28,7 @@ REFEREES = (*PREFERRED, "free runs, laws")
 WITHOUT = ("coloured", "white", "regression")
 MEASURED = ("regression, laws", "regression")  # what noise of the logged torque leaves right
 KEPT = 1.2  # over the least error of free runs, up to which the more efficient fit is kept
-REFUTED = 2.0  # over that of the fit to free runs, from which that one is taken
+REFUTED = 1.5  # over that of the fit to free runs, from which that one is taken
 CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disagree
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 WEIGHTY = 0.01  # of the torque: a law of less is not spoken of
@@ -45,8 +45,9 @@ class Explanation:
     std_noise      (k,) standard deviations by noise; std_structure: (k,) by what the explanations disagree in
     covariance     (k, k) of both together
     laws           that were found
-    free_runs      name of a candidate -> error of its free runs
+    figures        fit of free runs of a second [%]: of the drive alone, and with the laws
     findings       what follows for the drive
+    worthless      whether a constant speed explains the record better
     """
 
     sentence: str
@@ -56,8 +57,9 @@ class Explanation:
     std_structure: np.ndarray
     covariance: np.ndarray
     laws: tuple[FoundLaw, ...]
-    free_runs: Mapping[str, float]
+    figures: Mapping[str, float]
     findings: tuple[Finding, ...]
+    worthless: bool
 
 
 def explain(field: Field, task: Task) -> Explanation:
@@ -74,8 +76,24 @@ def explain(field: Field, task: Task) -> Explanation:
     own = replace(task, drive=task.drive).at(dict(zip(task.free, c.own, strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
     findings = _findings(field, errors, name, laws, noise, structure, task)
+    constant = field.judge.spread(task)
+    figures = {"free_run_fit_percent": 100.0 * (1.0 - field.judge.error(own) / constant)}
+    if laws:
+        figures["free_run_fit_percent_with_laws"] = 100.0 * (1.0 - errors[name] / constant)
+    worthless = not errors[name] < constant
+    if worthless:
+        findings = (*findings, _nothing(errors[name], constant))
     return Explanation(_sentence(field, errors, name, laws, measured), outcome, own, noise, structure, covariance, laws,
-                       errors, findings)
+                       figures, findings, worthless)
+
+
+def _nothing(error: float, constant: float) -> Finding:
+    return Finding(
+        "failure", "explains-nothing",
+        "Free runs of a second explain less of the speed than a constant does, whatever was fitted: this drive is "
+        "not that machine, or torque and motion are not of one axis.",
+        {"error": error, "error of a constant": constant},
+        "Check the channels, units and signs; run drivetool inspect; try another --drive.")
 
 
 def chosen(errors: Mapping[str, float], measured: bool = False) -> str:
@@ -99,7 +117,8 @@ def spread(field: Field, errors: Mapping[str, float], name: str,
     base = by_blocks if c.covariance is None else c.covariance
     noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
     compared = ("regression, laws", "free runs, laws") if measured else REFEREES
-    least = min(errors[n] for n in (*compared, *WITHOUT) if n in errors and not (measured and n in ("coloured", "white")))
+    # The fit to free runs has the least error by itself, and so does not say what is credible.
+    least = min(errors[n] for n in (MEASURED if measured else (*PREFERRED, *WITHOUT)) if n in errors)
     apart = []
     for other in compared:
         if other in field.candidates and other != name and errors[other] <= CREDIBLE * least:
@@ -165,10 +184,10 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
 def _findings(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw], noise: np.ndarray,
               structure: np.ndarray, task: Task) -> tuple[Finding, ...]:
     """Whether the model lacks something, and the best guess."""
-    torque = np.concatenate([e.signals["motor_torque"] for e in task.experiments])
-    size = float(np.nanstd(torque))
-    heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws}
-    heavy = {n: share for n, share in heavy.items() if share > WEIGHTY}
+    torque = np.concatenate([e.signals["motor_torque"][a:b] for e in task.experiments for a, b in e.segments])
+    size = float(np.sqrt(np.mean(torque**2)))
+    heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
+             if np.linalg.norm(law.factors) > WEIGHTY * size}
     likelier = "coloured" in errors and not name.startswith("coloured") and (
         _value(field, name) - _value(field, "coloured, laws") > LIKELIER)
     doubted = [n for n, a, b in zip(task.free, noise, structure, strict=True) if b > a]

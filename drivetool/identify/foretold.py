@@ -19,6 +19,7 @@ from drivetool.identify.task import Task
 FOLDS = 8  # contiguous blocks
 # Log likelihood that a law must gain where it was not fitted: the best of fifty that are none does so once in 1e5.
 GAIN = 15.0
+SHADOW = 0.1  # of the largest gain: what is less may be its shadow, and is looked for again when that law is in
 MOST = 5
 BATCH = 8  # columns whose sensitivities are worked out in one pass
 
@@ -53,13 +54,15 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law], most: 
     for law in laws:
         places.append(np.arange(k, k + law.size))
         k += law.size
-    now = _left_out(sums, base)
+    now, largest = _left_out(sums, base), 0.0
     while len(chosen) < min(most, len(laws)):
         left = {i: _left_out(sums, np.concatenate([base, *(places[j] for j in chosen), places[i]]))
                 for i in range(len(laws)) if i not in chosen}
         best = min(left, key=left.__getitem__)
-        if 0.5 * count * np.log(now / left[best]) < GAIN:
+        gain = 0.5 * count * np.log(now / left[best])
+        if gain < max(GAIN, SHADOW * largest):
             break
+        largest = max(gain, largest)
         chosen.append(best)
         now = left[best]
     columns = np.concatenate([base, *(places[j] for j in chosen)])

@@ -38,6 +38,7 @@ from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
+from drivetool.identify.told_together import only_ratios
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
@@ -72,7 +73,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
-    if options.criterion == "auto" and explainable(white):
+    if options.criterion == "auto" and explainable(white) and not only_ratios(white):
         explanation = explain(candidates_of(white.task, white), white.task)
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
     else:

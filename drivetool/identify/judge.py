@@ -44,14 +44,19 @@ class Judge:
         if is_angle:
             problem = replace(problem, lag=wide)
         solution = solve(problem, Point(np.empty(0), tuple(starts)), most=8, relative=1e-4)
-        total, count = 0.0, 0
         plants = problem.plants(solution.point.values, False)
-        for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True):
-            error = plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0]
-            if is_angle:
-                error = (error[wide:] - error[:-wide]) / (wide * trace.step)
-            else:
-                error = np.convolve(error, np.ones(wide) / wide, "valid")
-            known = np.isfinite(error)
-            total, count = total + float(np.sum(error[known] ** 2)), count + int(known.sum())
-        return float(np.sqrt(total / count)) if count else np.nan
+        errors = [self._as_speed(plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0], trace.step, is_angle)
+                  for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True)]
+        return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+
+    def spread(self, task: Task) -> float:
+        """Standard deviation of the speed, measured alike: the error of a constant."""
+        is_angle = task.roles.outputs[0].endswith("angle")
+        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in task.problem(LENGTH, ()).traces]
+        return float(np.nanstd(np.concatenate(speeds)))
+
+    def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
+        wide = self.smoothing.window
+        if is_angle:
+            return (values[wide:] - values[:-wide]) / (wide * step)
+        return np.convolve(values, np.ones(wide) / wide, "valid")

@@ -14,10 +14,13 @@ import numpy as np
 from drivetool.identify.motion import Motion
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
+BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
+PLACES = 64  # of half a turn
 HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
 
 
-Part = Literal["friction", "inertia", "idle torque"]
+Part = Literal["friction", "inertia", "idle torque", "nothing"]
+UNFELT = "the drive does not feel the noise of the logged torque"
 
 
 @dataclass(frozen=True)
@@ -27,12 +30,14 @@ class Law:
     name     words for a person
     columns  one array (n, m) per experiment, of size one; NaN outside its segments
     of       which parameter of the drive it is a part of: friction that is alike in both directions, inertia, or the
-             idle torque, of which it has the mean
+             idle torque, of which it has the mean; or nothing
+    inertia  (m,) of which it has this share
     """
 
     name: str
     columns: tuple[np.ndarray, ...]
     of: Part
+    inertia: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -40,39 +45,58 @@ class Law:
         return self.columns[0].shape[1]
 
 
-def library(motions: Sequence[Motion], top: float, turns: bool) -> tuple[Law, ...]:
+def library(motions: Sequence[Motion], top: float, turns: bool, noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
     """Every law.
 
     motions  one per experiment
     top      speed of the fastest
     turns    whether the body turns, so that its torque may repeat with the angle
+    noise    per experiment (n,) what is likely to be noise of the logged torque
     """
     longest = max(m.time[-1] - m.time[0] for m in motions)
-    found = []
+    found = [Law(UNFELT, tuple(n[:, None] for n in noise), "nothing")] if any(n.any() for n in noise) else []
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
-            part: Part = "idle torque") -> None:
+            part: Part = "idle torque", inertia: np.ndarray | None = None) -> None:
         columns = []
         for m in motions:
             passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
             columns.append(np.column_stack(of(m, m.speed / top, passed)))
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
-            found.append(Law(name, tuple(c / size for c in columns), part))
+            found.append(Law(name, tuple(c / size for c in columns), part, None if inertia is None else inertia / size))
 
-    law("friction differs by direction", lambda m, v, t: [np.abs(v)])
+    if turns_back(motions):
+        law("friction differs by direction", lambda m, v, t: [np.abs(v)])
+        law("friction changes with time", lambda m, v, t: [t * m.side])
     law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
     for w in WIDTHS:
         law(f"Stribeck friction below {w:g} of the top speed",
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
-    law("friction changes with time", lambda m, v, t: [t * m.side])
     law("the torque drifts", lambda m, v, t: [t])
     if not turns:
         return tuple(found)
     law("inertia changes with the angle", lambda m, v, t: [
         m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
-        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)], "inertia")
+        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)], "inertia", _mean_over_angles(motions))
     for k in (1, 2, *HARMONICS):
         law(f"torque repeats {k} times a turn",
             lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])
     return tuple(found)
+
+
+def turns_back(motions: Sequence[Motion]) -> bool:
+    """Whether the motor turns both ways: with one direction what differs by direction is friction itself."""
+    side = np.concatenate([m.side for m in motions])
+    return min(np.nanmean(side > 0.0), np.nanmean(side < 0.0)) > BOTH_WAYS
+
+
+def _mean_over_angles(motions: Sequence[Motion]) -> np.ndarray:
+    """(2,) mean of the cosine and sine of twice the angle over the angles visited, each counted once.
+
+    Over time it would follow the motion, whose acceleration is larger where the inertia is less.
+    """
+    angle = np.concatenate([m.angle for m in motions])
+    place = np.unique(np.floor(np.mod(angle[np.isfinite(angle)], np.pi) / np.pi * PLACES))
+    middle = 2.0 * np.pi * (place + 0.5) / PLACES
+    return np.array([np.cos(middle).mean(), np.sin(middle).mean()])

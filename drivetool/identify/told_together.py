@@ -8,9 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
+from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.identify.least_squares import schur
 from drivetool.identify.setup import reverses
-from drivetool.identify.task import Task
+from drivetool.identify.task import Outcome, Task
+
+ROUNDING = 1e-9  # of sums of products that cancel
 
 
 def told_together(lines: Sequence[Parameter], covariance: Covariance | None, task: Task, known: Covariance | None,
@@ -28,6 +32,37 @@ def told_together(lines: Sequence[Parameter], covariance: Covariance | None, tas
         covariance = Covariance(tuple(covariance.names[i] for i in index),
                                 covariance.matrix[np.ix_(index, index)]) if index else None
     return lines, covariance
+
+
+def only_ratios(outcome: Outcome) -> bool:
+    """Whether the record tells torques over each other only: none acts on the drive whose size is known.
+
+    Then all inertias, stiffnesses and frictions may be multiplied by one number and nothing changes.
+    """
+    problem, point, drive = outcome.problem, outcome.solution.point, outcome.drive
+    torques = np.array([drive.quantity(n).unit.startswith("{T}") for n in problem.names], bool)
+    held = [n for n, v in drive.values.items() if v and n not in problem.names and drive.quantity(n).unit[:3] == "{T}"]
+    if held or not torques.any():
+        return False
+    # By free runs: frozen gains turn a torque noise of absolute size into knowledge of the scale.
+    normal = replace(problem, memory=None).normal(point)
+    matrix, _, _ = schur(normal)
+    scale = np.where(torques, point.values, 0.0)
+    variance = normal.cost / max(problem.count - problem.unknowns, 1)
+    told, rounding = scale @ matrix @ scale, ROUNDING * (np.abs(scale) @ np.abs(matrix) @ np.abs(scale))
+    return bool(told < max(variance, rounding))
+
+
+def without_sizes(lines: Sequence[Parameter], outcome: Outcome) -> tuple[tuple[Parameter, ...], Finding]:
+    """The lines without an interval of any torque, and what to say."""
+    torques = {n for n in outcome.task.free if outcome.drive.quantity(n).unit.startswith("{T}")}
+    found = tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, status="not-identifiable",
+                          reason="only its ratio to the other torques is told: no torque of known size acts")
+                  if p.name in torques else p for p in lines)
+    return found, Finding(
+        "warning", "not-identifiable",
+        f"{', '.join(sorted(torques))} can be told from this record over each other only: no torque of known size "
+        "acts.", {}, "Record while the motor drives, or hold one of them at a known value with --hold.")
 
 
 def _one_way(lines: Sequence[Parameter], task: Task, known: Sequence[str]) -> tuple[Parameter, ...]:
