@@ -392,10 +392,23 @@ def test_a_table_says_who_errs_by_how_much_more_and_which_intervals_hold():
     assert cells("error over that of innovations", "M auto")[:8] == ["3.00", "(3.00-3.00)"] * 4
     assert cells("95 %", "M innovations")[:2] == ["100", "(59-100)"]
     assert cells("95 %", "M load auto")[:2] == ["0", "(0-41)"]
-    assert cells("95 %", "M gap left out auto")[-1] == "10"
+    assert cells("95 %", "M gap left out auto")[-4:] == ["0", "(0-41)", "0", "10"]
+    blind = [row | {"ci95": [None] * len(NAMES)} if row["law"] == "shaft.gap" else row for row in found]
+    told = next(line for line in summary(blind).splitlines() if line.startswith("M gap left out auto  "))
+    assert told.split()[-8:] == ["-", "-", "-", "-", "-", "-", "10", "10"]  # without an interval none misleads
     assert cells("by sensors, error of the stiffness", "law motor_speed")[0] == "3.00"
     assert cells("share of rated", "load.dry") == ["nan", "5.0", "nan", "10"]
     assert set(ABOUT) == {"motor inertia", "load inertia", "stiffness", "friction", "half gap"}
+
+
+def test_a_ratio_over_kinds_of_one_record_each_has_an_interval():
+    laws = LAWS[:6]
+    found = [made_up(error * (1.0 + i)) | {"key": f"{law}/M/{i}/1/{name}", "law": law, "size": "M", "seed": i,
+                                           "estimator": name, "sensors": "motor_speed"}
+             for i, law in enumerate(laws) for name, error in (("auto", 0.03 if i % 2 else 0.01), ("other", 0.02))]
+    part = next(part for part in summary(found, "other").split("\n\n") if part.startswith("error over"))
+    low, high = part.splitlines()[2].split()[3].strip("()").split("-")
+    assert float(low) < float(high)
 
 
 def test_every_kind_of_record_has_a_seed_of_its_own_and_a_row(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -110,7 +111,9 @@ def ratios(found: Scored, groups: Groups, reference: str, fields: Sequence[str])
         if not stated.any():
             return "-"
         kinds = [found.kinds[r][0] for r, known in zip(members, stated, strict=True) if known]
-        value, low, high = ratio(both[0][stated], both[1][stated], q, kinds)
+        # A kind of which there is one record has no spread of its own: then all are drawn from together.
+        strata = kinds if min(Counter(kinds).values()) > 1 else None
+        value, low, high = ratio(both[0][stated], both[1][stated], q, strata)
         return f"{value:.2f} ({low:.2f}-{high:.2f})"
 
     columns = [f"{field.replace('_', ' ')} {word}" for field in fields for word in ("median", "decile")]

@@ -92,17 +92,20 @@ def stated(found: Scored, groups: Groups, field: str) -> Groups:
 
 def holds(found: Scored, groups: Groups) -> str:
     """Shares of intervals that hold; with their number where it is not that of the records."""
+    def of(text: str, number: int, scores: list[Score]) -> str:
+        return "-" if number == 0 else text + (f" of {number}" if number < len(scores) else "")
+
     def cell(scores: list[Score], name: str) -> str:
         over = np.array([each.over[name] for each in scores])
         over = over[~np.isnan(over).any(axis=1)]
-        if not len(over):
-            return "-"
-        return percent(*held(over)) + (f" of {len(over)}" if len(over) < len(scores) else "")
+        return of(percent(*held(over)), len(over), scores)
 
     def cells(scores: list[Score]) -> list[str]:
-        largest = [np.concatenate(list(each.over.values())) for each in scores]
-        far = sum(bool(np.any(over > FAR)) for over in largest)
-        without = sum(bool(np.isnan(over[:-1]).any()) for over in largest)  # the last is of a gap
-        return [*(cell(scores, name) for name in ABOUT), percent(*share(far, len(scores))), str(without)]
+        all_over = [np.concatenate(list(each.over.values())) for each in scores]
+        some = [over for over in all_over if not np.isnan(over).all()]
+        far = sum(bool(np.any(over > FAR)) for over in some)
+        without = sum(bool(np.isnan(over[:-1]).any()) for over in all_over)  # the last is of a gap
+        return [*(cell(scores, name) for name in ABOUT), of(percent(*share(far, len(some))), len(some), scores),
+                str(without)]
 
     return covered(found, groups, [*ABOUT, "over 3 half-widths", "not all stated"], cells)
