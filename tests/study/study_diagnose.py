@@ -11,7 +11,6 @@ that fits and judges: another tool starts another file, unless DRIVETOOL_STUDY_R
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
@@ -35,7 +34,8 @@ from scipy.stats import beta
 from tests.hidden import CODES, KINDS, greybox_options, make_case, write_start
 from tests.hidden.command import GRADES, Answer, Running, ask, grade, run
 from tests.hidden.visibility import separation, visible
-from tests.places import ROOT
+from tests.study.shared.options import results as results_file
+from tests.study.shared.rows import resumed, rows
 
 # Seeds that no other test uses; DRIVETOOL_STUDY_SHIFT draws others.
 SHIFT = int(os.environ.get("DRIVETOOL_STUDY_SHIFT", "0"))
@@ -297,35 +297,14 @@ def told(truth: Mapping[str, float], plain: Mapping[str, float], fitted: Mapping
 
 def results() -> Path:
     """Where the rows of the tool as it is now are."""
-    if "DRIVETOOL_STUDY_RESULTS" in os.environ:
-        return Path(os.environ["DRIVETOOL_STUDY_RESULTS"])
-    code = hashlib.sha256()
-    for room in ("logs", "drive", "identify", "check"):
-        for path in sorted((ROOT / "drivetool" / room).rglob("*.py")):
-            code.update(path.read_bytes())
-    return ROOT / "build" / f"study_diagnose-{code.hexdigest()[:10]}.jsonl"
-
-
-def rows(path: Path) -> list[dict]:
-    """What has been run; a line that was cut off in the middle is run again."""
-    found = {}
-    for line in path.read_text().splitlines() if path.exists() else ():
-        try:
-            row = json.loads(line)
-        except ValueError:
-            continue
-        found[row["key"]] = row
-    return list(found.values())
+    rooms = ("logs", "drive", "identify", "check")
+    return results_file("study_diagnose", [f"drivetool/{room}" for room in rooms])
 
 
 def study(wanted: Iterable[Plan], path: Path, workers: int = 2,
           asking: Callable[..., Answer] = ask) -> list[dict]:
     """Run what is not there yet, a line per case as soon as it is done; all the wanted rows."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    wanted = list(wanted)
-    there = {row["key"] for row in rows(path)}
-    if path.exists() and (text := path.read_text()) and not text.endswith("\n"):
-        path.write_text(text + "\n")
+    there, wanted = resumed(path), list(wanted)
     missing = [plan for plan in wanted if plan.key not in there]
     # Null records run inside their worker, which therefore is a process; a stand-in can stay a thread.
     with (ProcessPoolExecutor(workers, get_context("spawn")) if asking is ask else

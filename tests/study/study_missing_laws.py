@@ -13,50 +13,33 @@ DRIVETOOL_STUDY_RESULTS     rows to go on with; else those of the code that fits
 
 from __future__ import annotations
 
-import hashlib
-import os
 from pathlib import Path
 
 import pytest
 
-from tests.places import ROOT
 from tests.study.missing_laws.estimators import REGRESSION
 from tests.study.missing_laws.laws import SIZES
-from tests.study.missing_laws.runner import FIRST_SEED, jobs, rows, run
+from tests.study.missing_laws.runner import FIRST_SEED, LAYOUT, run
 from tests.study.missing_laws.tables import summary
+from tests.study.shared import options
+from tests.study.shared.options import number, words
+from tests.study.shared.rows import rows
 
 PER_LAW, PER_RIGHT = 20, 40
 ESTIMATORS = ("innovations", "simulation", REGRESSION)
+CODE = ("drivetool/logs", "drivetool/drive", "drivetool/identify", "tests/study/missing_laws", "tests/study/shared")
 
 
 def results() -> Path:
     """Where the rows of the code that fits, of this study's records and of these seeds are."""
-    if "DRIVETOOL_STUDY_RESULTS" in os.environ:
-        return Path(os.environ["DRIVETOOL_STUDY_RESULTS"])
-    code = hashlib.sha256()
-    for room in ("drivetool/logs", "drivetool/drive", "drivetool/identify", "tests/study/missing_laws"):
-        for path in sorted((ROOT / room).rglob("*.py")):
-            if path.name not in ("scores.py", "tables.py"):
-                code.update(path.read_bytes())
-    return ROOT / "build" / f"study_missing_laws-{code.hexdigest()[:10]}.jsonl"
-
-
-def words(name: str, default: tuple[str, ...]) -> tuple[str, ...]:
-    """A list of an environment variable, separated by commas."""
-    text = os.environ.get(f"DRIVETOOL_STUDY_{name}")
-    return tuple(text.split(",")) if text else default
-
-
-def number(name: str, default: int) -> int:
-    """A number of an environment variable."""
-    return int(os.environ.get(f"DRIVETOOL_STUDY_{name}", str(default)))
+    return options.results("study_missing_laws", CODE)
 
 
 @pytest.mark.study
 def test_missing_laws():
     """Every fit answers; the tables are printed."""
-    wanted = jobs(number("PER_LAW", PER_LAW), number("PER_RIGHT", PER_RIGHT), words("ESTIMATORS", ESTIMATORS),
-                  words("SIZES", tuple(SIZES)))
+    wanted = LAYOUT.jobs(number("PER_LAW", PER_LAW), number("PER_RIGHT", PER_RIGHT),
+                         words("ESTIMATORS", ESTIMATORS), words("SIZES", tuple(SIZES)))
     found = run(wanted, results(), number("WORKERS", 2))
     print(f"\nseeds from {FIRST_SEED}\n\n" + summary(found, words("ESTIMATORS", ESTIMATORS)[0]))
     by_tool = [row for row in found if row["estimator"] != REGRESSION]

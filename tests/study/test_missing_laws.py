@@ -8,14 +8,17 @@ import pytest
 from scipy.special import ellipk
 
 from tests.study.missing_laws import kernel
-from tests.study.missing_laws.estimators import NAMES, fit, read, start_values, write
+from tests.study.missing_laws.estimators import NAMES, fit, start_values
 from tests.study.missing_laws.laws import LAWS, MOST, SIZES, Law
 from tests.study.missing_laws.machine import Machine
 from tests.study.missing_laws.record import RIGHT, arrange, draw, missing_torque, parts_of, simulate
 from tests.study.missing_laws.regression import least_squares
-from tests.study.missing_laws.runner import Job, jobs, rows, run
-from tests.study.missing_laws.scores import Score, coverage, half_widths, quantile, ratio, score, share
+from tests.study.missing_laws.runner import LAYOUT, run
+from tests.study.missing_laws.scores import Score, coverage, half_widths, score
 from tests.study.missing_laws.tables import summary
+from tests.study.shared.command import read, write
+from tests.study.shared.figures import quantile, ratio, share
+from tests.study.shared.rows import rows
 
 FREE = Machine(1.0, 100.0, 0.02, 0.0, 0.0, 0.0)
 
@@ -181,7 +184,7 @@ def test_the_command_line_regains_a_right_model_and_says_how_well(tmp_path):
     assert found["value"] == pytest.approx(record.machine.numbers().tolist(), rel=1e-5)
     assert found["status"] == ["fitted"] * 4 and found["seconds"] > 0.0
     assert all(low <= value <= high for value, (low, high) in zip(found["value"], found["ci95"], strict=True))
-    write(record, tmp_path / "a.parquet")
+    write(record.step, {"motor_torque": record.torque}, tmp_path / "a.parquet")
     schema = pq.read_schema(tmp_path / "a.parquet")
     assert schema.field("motor_torque").metadata == {b"unit": b"Nm"}
     assert "criterion" in fit(record, 1, "no-such-criterion")["failed"]
@@ -191,7 +194,8 @@ def test_a_parameter_without_interval_is_read_as_one():
     lines = {name: {"value": 1.0, "std": 0.1, "ci95": [0.8, 1.2], "status": "fitted"} for name in NAMES}
     lines["motor.coulomb"] = {"value": 0.0, "status": "at boundary", "std": None, "ci95": None}
     names = [name for name in NAMES if name != "motor.coulomb"]
-    found = read({"parameters": lines, "covariance": {"names": names, "matrix": np.diag([4.0, 1.0, 9.0]).tolist()}})
+    covariance = {"names": names, "matrix": np.diag([4.0, 1.0, 9.0]).tolist()}
+    found = read({"parameters": lines, "covariance": covariance}, NAMES)
     assert found["correlation"][0] == [1.0, 0.0, None, 0.0]
     half, friction = half_widths(found, np.array([1.0, 2.0, 3.0]))
     assert half == pytest.approx(0.2) and np.all(np.isnan(friction))
@@ -259,16 +263,16 @@ def test_quantiles_and_ratios():
 
 
 def test_rows_are_written_once_and_a_broken_line_again(tmp_path):
-    wanted, path = jobs(1, 1, ("regression",), ("M",))[-3:], tmp_path / "rows.jsonl"
-    assert len(jobs(2, 3, ("regression",))) == 2 * 3 * len(LAWS) + 3 * len(RIGHT)
-    assert len({job.seed for job in jobs(2, 3, ("regression",))}) == len(jobs(2, 3, ("regression",)))
+    wanted, path = LAYOUT.jobs(1, 1, ("regression",), ("M",))[-3:], tmp_path / "rows.jsonl"
+    assert len(LAYOUT.jobs(2, 3, ("regression",))) == 2 * 3 * len(LAWS) + 3 * len(RIGHT)
+    assert len({job.seed for job in LAYOUT.jobs(2, 3, ("regression",))}) == len(LAYOUT.jobs(2, 3, ("regression",)))
     first = run(wanted, path, 1)
     text = path.read_text()
     assert run(wanted, path, 1) == first and path.read_text() == text
     path.write_text(text[:-40])
     assert [row["value"] for row in run(wanted, path, 1)] == [row["value"] for row in first]
     assert len(rows(path)) == 3
-    more = [Job(job.situation, job.size, job.number, ("regression", "other")) for job in wanted[:1]]
+    more = [replace(job, estimators=("regression", "other")) for job in wanted[:1]]
     assert more[0].key("regression") == first[0]["key"]
     table = summary([*first, *(row | {"estimator": "other", "key": row["key"].replace("regression", "other")}
                                for row in first)], "regression")

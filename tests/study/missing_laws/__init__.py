@@ -7,7 +7,7 @@ excitation  torque commands and references
 record      a record and its truth, by law, size and number
 regression  plain least squares, for comparison
 estimators  the command line and the regression on one record
-runner      rows of a results file, resumable
-scores      errors, coverage and their intervals, from rows
+runner      which records there are, and their rows
+scores      errors and coverage, from rows
 tables      the printed tables
 """

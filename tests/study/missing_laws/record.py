@@ -5,7 +5,9 @@ Everything is drawn from the seed; the same seed gives the same machine in every
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -137,15 +139,25 @@ def sized(setup: Setup, law: Law, share: float) -> tuple[Law, float]:
 
     if share == 0.0:
         return law, 0.0
-    tried: list[tuple[float, Law, float]] = []  # how far off; contacts are chaotic, and the last may not be nearest
-    low, high = MOST[law.name] / 1000.0, MOST[law.name]
-    strength = high
-    for _ in range(HALVINGS):
+
+    def share_of(strength: float) -> float:
         trial = replace(law, strength=strength)
         missing = missing_torque(setup, trial, simulate(setup, trial))
         slides = len(missing) > LEAST_SLIDING * len(setup.noise)
-        found = float(np.sqrt(np.mean(missing**2))) / rated if slides else np.inf
-        tried.append((abs(found - share), trial, found))
+        return float(np.sqrt(np.mean(missing**2))) / rated if slides else np.inf
+
+    strength, found = searched(MOST[law.name], share, share_of)
+    return replace(law, strength=strength), found
+
+
+def searched(most: float, share: float, share_of: Callable[[float], float]) -> tuple[float, float]:
+    """(the strength up to `most` that gives a share, the share that it gives)."""
+    tried: list[tuple[float, float, float]] = []  # how far off; contacts are chaotic, the last may not be nearest
+    low, high = most / 1000.0, most
+    strength = high
+    for _ in range(HALVINGS):
+        found = share_of(strength)
+        tried.append((abs(found - share), strength, found))
         low, high = (strength, high) if found < share else (low, strength)
         strength = np.sqrt(low * high)
     return min(tried, key=lambda each: each[0])[1:]
@@ -204,10 +216,14 @@ def load_steps(rng: np.random.Generator, n: int) -> np.ndarray:
     return load
 
 
-def moving(setup: Setup, law: Law) -> Setup:
-    """The setup with as much torque as it takes to move for most of the time, as one records a drive."""
+def moving(setup: Any, speed_of: Callable[[Any], np.ndarray]) -> Any:
+    """The setup with as much torque as it takes to move for most of the time, as one records a drive.
+
+    setup     of any study, with a machine and an excitation
+    speed_of  (n,) [rad/s] speeds under a setup
+    """
     for _ in range(8):
-        speed = simulate(setup, law).states[:, kernel.V]
+        speed = speed_of(setup)
         fast = np.abs(speed) > 0.02 * setup.machine.rated_speed
         reversals = np.sum(np.diff(np.sign(speed[fast])) != 0.0)
         if setup.excitation.mode != kernel.OPEN or (fast.mean() > 0.5 and reversals >= 4):
@@ -229,7 +245,8 @@ def arrange(situation: str, share: float, number: int, seed: int,
         setup = replace(setup, load=torque * load_steps(rng, n))
     if law.name == "log-noise":
         setup = replace(setup, log_noise=torque * rng.standard_normal(n))
-    setup = moving(setup, Law("none") if law.name in MOST else replace(law, strength=torque))
+    first = Law("none") if law.name in MOST else replace(law, strength=torque)
+    setup = moving(setup, lambda trial: simulate(trial, first).states[:, kernel.V])
     return setup, *sized(setup, law, share)
 
 
@@ -242,13 +259,33 @@ def draw(situation: str, size: str, number: int, seed: int, seconds: float | Non
     """
     setup, law, share = arrange(situation, SIZES.get(size, 0.0), number, seed, seconds)
     machine, run = setup.machine, simulate(setup, law)
-    speed = np.abs(run.states[:-1, kernel.V])
-    moves = speed > 0.01 * np.quantile(speed, 0.995)
-    speeds = np.quantile(speed[moves], (np.arange(SPEEDS) + 0.5) / SPEEDS)
-    curve, uneven = law.curves(machine, speeds, setup.step * np.flatnonzero(moves))
-    viscous, coulomb = np.polyfit(speeds, curve, 1)
-    truth = Truth(machine.inertia, machine.idle + float(np.mean(uneven) + np.mean(setup.load)), speeds, curve,
-                  (float(viscous), float(coulomb)), np.quantile(speed[moves], [0.25, 0.5, 0.9]),
+    visited = visits(run.states[:-1, kernel.V])
+    curve, uneven = law.curves(machine, visited.speeds, setup.step * np.flatnonzero(visited.moves))
+    idle = machine.idle + float(np.mean(uneven) + np.mean(setup.load))
+    truth = Truth(machine.inertia, idle, visited.speeds, curve, nearest_line(visited.speeds, curve), visited.marks,
                   machine.rated_torque, share)
     return Record(machine, EXCITATIONS[number % len(EXCITATIONS)], setup.excitation.mode != kernel.OPEN, setup.step,
                   run.torque, run.measured, "motor_angle" if setup.is_angle else "motor_speed", truth)
+
+
+@dataclass(frozen=True)
+class Visits:
+    """The speeds [rad/s] of a record: (n,) whether it moves; (SPEEDS,) and (3,) as in Truth."""
+
+    moves: np.ndarray
+    speeds: np.ndarray
+    marks: np.ndarray
+
+
+def visits(speed: np.ndarray) -> Visits:
+    """Of (n,) speeds [rad/s]."""
+    speed = np.abs(speed)
+    moves = speed > 0.01 * np.quantile(speed, 0.995)
+    return Visits(moves, np.quantile(speed[moves], (np.arange(SPEEDS) + 0.5) / SPEEDS),
+                  np.quantile(speed[moves], [0.25, 0.5, 0.9]))
+
+
+def nearest_line(speeds: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
+    """Viscous [N m s/rad] and coulomb [N m] of the line nearest to a friction curve."""
+    viscous, coulomb = np.polyfit(speeds, curve, 1)
+    return float(viscous), float(coulomb)

@@ -1,15 +1,14 @@
-"""Errors, intervals and their figures from the rows of a results file."""
+"""Errors and coverage of intervals from the rows of a results file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
 
-RESAMPLES = 4000  # of a bootstrap; ends of a 99 % interval then rest on 20 of them each
-BOOTSTRAP_SEED = 20
+from tests.study.shared.figures import held, share
+
 FAR = 3.0  # half-widths beyond which an interval misleads
 ROUNDING = 1e-6  # of the truth; smaller errors are those of the simulator and of written digits, and count as none
 
@@ -67,45 +66,6 @@ def half_widths(row: Mapping, marks: np.ndarray) -> tuple[float, np.ndarray]:
     return float(half[0]), np.sqrt(np.maximum(square, 0.0))
 
 
-def share(hits: int, of: int, level: float = 0.99) -> tuple[float, float, float]:
-    """(share, lower end, upper end) by Clopper and Pearson 1934, two-sided."""
-    if of == 0:
-        return float("nan"), 0.0, 1.0
-    tail = 0.5 * (1.0 - level)
-    low = 0.0 if hits == 0 else float(beta.ppf(tail, hits, of - hits + 1))
-    high = 1.0 if hits == of else float(beta.ppf(1.0 - tail, hits + 1, of - hits))
-    return hits / of, low, high
-
-
-def quantile(values: np.ndarray, q: float) -> np.ndarray | float:
-    """Of the last axis, linear between neighbours; infinite where the upper of them is, NaN of nothing."""
-    if values.shape[-1] == 0:
-        return float("nan")
-    ordered = np.sort(values, axis=-1)
-    at = q * (values.shape[-1] - 1)
-    low, high = ordered[..., int(np.floor(at))], ordered[..., int(np.ceil(at))]
-    with np.errstate(invalid="ignore"):  # between two that are infinite
-        return np.where(low == high, low, low + (at % 1.0) * (high - low))[()]
-
-
-def ratio(mine: np.ndarray, theirs: np.ndarray, q: float = 0.5,
-          strata: Sequence[str] | None = None) -> tuple[float, float, float]:
-    """(quantile of mine over that of theirs, ends of its 99 % interval): a paired bootstrap over records.
-
-    mine, theirs  (n,) errors on the same records
-    strata        (n,) kinds of record, each of which keeps its number
-    """
-    kinds = np.zeros(len(mine)) if strata is None else np.unique(list(strata), return_inverse=True)[1]
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    groups = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
-    chosen = np.hstack([rng.choice(group, (RESAMPLES, len(group))) for group in groups])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        drawn = quantile(mine[chosen], q) / quantile(theirs[chosen], q)
-        value = quantile(mine, q) / quantile(theirs, q)
-    drawn = drawn[~np.isnan(drawn)]
-    return tuple(float(x) for x in (value, quantile(drawn, 0.005), quantile(drawn, 0.995)))
-
-
 @dataclass(frozen=True)
 class Coverage:
     """Shares of records whose interval holds: (share, low, high), and the number of records without an interval."""
@@ -124,19 +84,6 @@ def coverage(scores: Iterable[Score], level: float = 0.99) -> Coverage:
     """
     over = np.array([each.over for each in scores]).reshape(-1, 4)
     stated = over[~np.isnan(over).any(axis=1)]
-    n = len(stated)
-    held = stated <= 1.0
-    marks = held[:, 1:].mean() if n else float("nan")
-    low, high = _between(float(held[:, 1:].sum()) / 3.0, n, level)
     far = int(np.sum((stated[:, [0, 2]] > FAR).any(axis=1)))
-    return Coverage(share(int(held[:, 0].sum()), n, level), (float(marks), low, high), share(far, n, level), n,
-                    len(over) - n)
-
-
-def _between(hits: float, of: int, level: float) -> tuple[float, float]:
-    """Clopper and Pearson's ends for a number of hits that is a mean, by their beta quantiles."""
-    if of == 0:
-        return 0.0, 1.0
-    tail = 0.5 * (1.0 - level)
-    return (0.0 if hits == 0.0 else float(beta.ppf(tail, hits, of - hits + 1.0)),
-            1.0 if hits >= of else float(beta.ppf(1.0 - tail, hits + 1.0, of - hits)))
+    return Coverage(held(stated[:, :1], level), held(stated[:, 1:], level), share(far, len(stated), level),
+                    len(stated), len(over) - len(stated))
