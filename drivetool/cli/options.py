@@ -109,8 +109,8 @@ NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
 FitCriterion = Annotated[FitCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
-    "distance from the measured frequency response; auto fits several explanations of the record and lets free runs "
-    "choose.")]
+    "distance from the measured frequency response; auto fits several explanations of the record and lets free "
+    "runs choose.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

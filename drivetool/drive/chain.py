@@ -38,7 +38,7 @@ class Drive:
                  neutral, or unknown if the effect has no neutral value
     damping_law  "inside": the shaft damping is part of the contact, which then never pulls
                  (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
-    known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, the factor of its input
+    known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, its factor
     """
 
     name: str

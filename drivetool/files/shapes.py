@@ -58,7 +58,7 @@ class ParameterSection(Shape):
     reason: Annotated[str, Meta(description="why there is no std, when it holds, or why the value was held")] = ""
     std_noise: Annotated[float | UnsetType, Meta(description="part of the std by noise")] = UNSET
     std_structure: Annotated[float | UnsetType, Meta(
-        description="part of the std by what the explanations of the record disagree in: the model's own error")] = UNSET
+        description="part of the std by what explanations of the record disagree in: the model's error")] = UNSET
 
 
 class CovarianceSection(Shape):

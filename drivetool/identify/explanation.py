@@ -31,6 +31,10 @@ KEPT = 1.2  # over the least error of free runs, up to which the more efficient 
 REFUTED = 1.5  # over that of the fit to free runs, from which that one is taken
 CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disagree
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
+LEFT = {"coloured": "what is left is taken as torque noise with a memory",
+        "white": "what is left is taken as white torque noise",
+        "regression": "the rest is not modelled: least squares of the torque over the motion",
+        "free runs": "the drive is fitted to free runs of a second"}
 WEIGHTY = 0.01  # of the torque: a law of less is not spoken of
 LIKELIER = 10.0  # log likelihood
 
@@ -75,7 +79,7 @@ def explain(field: Field, task: Task) -> Explanation:
     outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
     own = replace(task, drive=task.drive).at(dict(zip(task.free, c.own, strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
-    findings = _findings(field, errors, name, laws, noise, structure, task)
+    findings = _findings(field, name, laws, noise, structure, task)
     constant = field.judge.spread(task)
     figures = {"free_run_fit_percent": 100.0 * (1.0 - field.judge.error(own) / constant)}
     if laws:
@@ -83,8 +87,8 @@ def explain(field: Field, task: Task) -> Explanation:
     worthless = not errors[name] < constant
     if worthless:
         findings = (*findings, _nothing(errors[name], constant))
-    return Explanation(_sentence(field, errors, name, laws, measured), outcome, own, noise, structure, covariance, laws,
-                       figures, findings, worthless)
+    sentence = _sentence(field, errors, name, laws, measured)
+    return Explanation(sentence, outcome, own, noise, structure, covariance, laws, figures, findings, worthless)
 
 
 def _nothing(error: float, constant: float) -> Finding:
@@ -153,7 +157,7 @@ def _at(c: Candidate, field: Field) -> Outcome:
 
 def _found(field: Field, c: Candidate) -> tuple[FoundLaw, ...]:
     """The laws with their factors and what the blocks say of them."""
-    std = np.sqrt(np.diag(sandwich(c.factors_influence)))
+    std = np.sqrt(np.diag(sandwich(c.factor_influence)))
     found, k = [], 0
     for law in field.laws:
         part = slice(k, k + law.size)
@@ -162,34 +166,32 @@ def _found(field: Field, c: Candidate) -> tuple[FoundLaw, ...]:
     return tuple(found)
 
 
-def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw], measured: bool) -> str:
+def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw],
+              measured: bool) -> str:
     kind = name.partition(",")[0]
-    left = {"coloured": "what is left is taken as torque noise with a memory", "white": "what is left is taken as white "
-            "torque noise", "regression": "the rest is not modelled: least squares of the torque on the motion",
-            "free runs": "the drive is fitted to free runs of a second"}[kind]
     if kind == "coloured" and field.candidates[name].outcome.fit.noise.memory is None:
-        left = "what is left is taken as white torque noise"
+        kind = "white"
+    left = LEFT[kind]
     taken = f"{len(laws)} law{'s' if len(laws) > 1 else ''} that the motion foretells taken out, " if laws else ""
     if measured:
         why = "the logged torque is a measurement, whose noise the drive has not felt"
     elif kind == "free runs":
         why = f"those of every fit that models noise err more than {REFUTED:g} times as much"
     else:
-        least = min(e for n, e in errors.items() if n != "free runs, laws")
-        why = f"its free runs of a second err {errors[name] / least:.2f} times as much as the best of all explanations"
+        over = errors[name] / min(e for n, e in errors.items() if n != "free runs, laws")
+        why = f"its free runs of a second err {over:.2f} times as much as the best of all explanations"
     text = f"{taken}{left}; {why}."
     return text[0].upper() + text[1:]
 
 
-def _findings(field: Field, errors: Mapping[str, float], name: str, laws: Sequence[FoundLaw], noise: np.ndarray,
-              structure: np.ndarray, task: Task) -> tuple[Finding, ...]:
+def _findings(field: Field, name: str, laws: Sequence[FoundLaw], noise: np.ndarray, structure: np.ndarray,
+              task: Task) -> tuple[Finding, ...]:
     """Whether the model lacks something, and the best guess."""
     torque = np.concatenate([e.signals["motor_torque"][a:b] for e in task.experiments for a, b in e.segments])
     size = float(np.sqrt(np.mean(torque**2)))
     heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
              if np.linalg.norm(law.factors) > WEIGHTY * size}
-    likelier = "coloured" in errors and not name.startswith("coloured") and (
-        _value(field, name) - _value(field, "coloured, laws") > LIKELIER)
+    likelier = _value(field, name) - _value(field, "coloured, laws") > LIKELIER
     doubted = [n for n, a, b in zip(task.free, noise, structure, strict=True) if b > a]
     if not (heavy or likelier or doubted):
         return ()

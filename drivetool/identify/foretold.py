@@ -41,7 +41,8 @@ def with_laws(task: Task, laws: Sequence[Law], body: str = "motor", factors: Seq
     return replace(task, drive=drive, free=(*task.free, *names), roles=roles, experiments=tuple(experiments))
 
 
-def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law], most: int = MOST) -> tuple[list[Law], np.ndarray]:
+def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
+             most: int = MOST) -> tuple[list[Law], np.ndarray]:
     """(the laws that a fit lacks, the one that foretells most first; their factors).
 
     task, point, noise   of an innovations fit
@@ -71,41 +72,40 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law], most: 
 
 def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.ndarray:
     """(folds, p + 1, p + 1) sums of products of [fitted parameters, law columns, error], start states taken out."""
-    batches, batch = [], []
-    for law in laws:
-        if sum(x.size for x in batch) + law.size > BATCH:
-            batches.append(batch)
-            batch = []
-        batch.append(law)
-    own, task = len(task.free), task.at_point(point)
-    passes = filtered(task.problem(), point, noise)
-    tasks = [task, *(with_laws(replace(task, free=()), b) for b in [*batches, batch] if b)]
+    task = task.at_point(point)
+    passes, starts = filtered(task.problem(), point, noise), with_state(point, noise).starts
+    tasks = [task, *(with_laws(replace(task, free=()), batch) for batch in _batches(laws))]
     problems = [t.problem().with_memory(noise.memory) for t in tasks]
-    start = with_state(point, noise).starts
-    plants = [p.plants(np.array([t.drive.values[n] for n in t.free]), True) for p, t in zip(problems, tasks, strict=True)]
-    count = sum(t.size for t in problems[0].traces)
-    width = own + sum(law.size for law in laws) + 1
+    plants = [p.plants(np.array([t.drive.values[n] for n in t.free]), True)
+              for p, t in zip(problems, tasks, strict=True)]
+    count, width = sum(t.size for t in problems[0].traces), len(task.free) + sum(law.size for law in laws) + 1
     total, done = np.zeros((FOLDS, width, width)), 0
     for i, trace in enumerate(problems[0].traces):
-        nx = plants[0][i].nx
-        unknown = np.setdiff1d(np.arange(nx), problems[0].known(i))
-        m = len(unknown)
-        whole = np.zeros((FOLDS, m + width, m + width))
-        runs = [ps[i].sensitivities(p.traces[i], start[i], passes[i].gains) for ps, p in zip(plants, problems, strict=True)]
-        for chunk in zip(*runs, strict=True):
+        states = plants[0][i].system.nq + np.setdiff1d(np.arange(plants[0][i].nx), problems[0].known(i))
+        size = len(states) + width
+        whole = np.zeros((FOLDS, size, size))
+        for chunk in zip(*(each[i].sensitivities(p.traces[i], starts[i], passes[i].gains)
+                           for each, p in zip(plants, problems, strict=True)), strict=True):
             part, first = chunk[0]
-            nq = plants[0][i].system.nq
-            columns = [first[:, :, nq + unknown], first[:, :, :own]]
-            columns += [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk[1:], tasks[1:], strict=True)]
-            columns.append(first[:, :, -1:])
-            flat = np.concatenate(columns, axis=2)
+            columns = [rows[:, :, :len(t.free)] for (_, rows), t in zip(chunk, tasks, strict=True)]
+            flat = np.concatenate([first[:, :, states], *columns, first[:, :, -1:]], axis=2)
             fold = (done + np.arange(part.start, part.stop)) * FOLDS // count
             for f in np.unique(fold):
-                rows = flat[fold == f].reshape(-1, m + width)
+                rows = flat[fold == f].reshape(-1, size)
                 whole[f] += rows.T @ rows
-        total += _without(whole, m)
+        total += _without(whole, len(states))
         done += trace.size
     return total
+
+
+def _batches(laws: Sequence[Law]) -> list[list[Law]]:
+    """Laws that are worked out in one pass."""
+    found: list[list[Law]] = []
+    for law in laws:
+        if not found or sum(x.size for x in found[-1]) + law.size > BATCH:
+            found.append([])
+        found[-1].append(law)
+    return found
 
 
 def _without(sums: np.ndarray, nx: int) -> np.ndarray:

@@ -28,8 +28,10 @@ class Judge:
     noise: Noise
 
     def error(self, task: Task) -> float:
-        """Root mean square error of the free runs as a speed, of the first output; each run has an idle torque of its
-        own, for what stays as it is over a run is noise to every candidate alike."""
+        """Root mean square error of the free runs as a speed, of the first output.
+
+        Each run has an idle torque of its own: what stays as it is over a run is noise to every candidate alike.
+        """
         whole = task.problem(free=())
         point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]

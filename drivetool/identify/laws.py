@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivetool.identify.motion import Motion
+from drivetool.identify.motion import Motion, Motions
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
 BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
@@ -29,8 +29,8 @@ class Law:
 
     name     words for a person
     columns  one array (n, m) per experiment, of size one; NaN outside its segments
-    of       which parameter of the drive it is a part of: friction that is alike in both directions, inertia, or the
-             idle torque, of which it has the mean; or nothing
+    of       what of the drive it is a part of: friction that is alike in both directions, inertia, or the idle
+             torque, of which it has the mean; or nothing
     inertia  (m,) of which it has this share
     """
 
@@ -45,14 +45,13 @@ class Law:
         return self.columns[0].shape[1]
 
 
-def library(motions: Sequence[Motion], top: float, turns: bool, noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
-    """Every law.
+def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
+    """Every law over the motion of the motor.
 
-    motions  one per experiment
-    top      speed of the fastest
-    turns    whether the body turns, so that its torque may repeat with the angle
-    noise    per experiment (n,) what is likely to be noise of the logged torque
+    turns  whether it turns, so that its torque may repeat with the angle
+    noise  per experiment (n,) what is likely to be noise of the logged torque
     """
+    motions, top = seen.each, seen.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
     found = [Law(UNFELT, tuple(n[:, None] for n in noise), "nothing")] if any(n.any() for n in noise) else []
 
@@ -64,7 +63,8 @@ def library(motions: Sequence[Motion], top: float, turns: bool, noise: Sequence[
             columns.append(np.column_stack(of(m, m.speed / top, passed)))
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
-            found.append(Law(name, tuple(c / size for c in columns), part, None if inertia is None else inertia / size))
+            share = None if inertia is None else inertia / size
+            found.append(Law(name, tuple(c / size for c in columns), part, share))
 
     if turns_back(motions):
         law("friction differs by direction", lambda m, v, t: [np.abs(v)])
@@ -78,7 +78,8 @@ def library(motions: Sequence[Motion], top: float, turns: bool, noise: Sequence[
         return tuple(found)
     law("inertia changes with the angle", lambda m, v, t: [
         m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
-        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)], "inertia", _mean_over_angles(motions))
+        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)],
+        "inertia", _mean_over_angles(motions))
     for k in (1, 2, *HARMONICS):
         law(f"torque repeats {k} times a turn",
             lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])

@@ -57,7 +57,8 @@ def loosened(task: Task, options: Options) -> Task | None:
     options  as they were asked for, `all` not spelled out
     """
     known = options.known
-    if known is None or options.criterion not in ("auto", "innovations") or not may_be_light(task.drive, task.roles, known):
+    by_innovations = options.criterion in ("auto", "innovations")
+    if known is None or not by_innovations or not may_be_light(task.drive, task.roles, known):
         return None
     drive, total, names = task.drive, "total.viscous", set(known.names)
     for whole, suffix in TOTALS.items():

@@ -56,6 +56,35 @@ class Smoothing:
         return max(round(0.4 / self.cutoff), 1)
 
 
+@dataclass(frozen=True)
+class Motions:
+    """The motion of a body in all experiments, one each; top: the speed that a hundredth of the samples exceeds.
+
+    lag  samples over which an angle's errors are differenced to be those of a speed; 0 of a speed
+    """
+
+    each: tuple[Motion, ...]
+    smoothing: Smoothing
+    top: float
+    lag: int
+
+    def all(self, name: str) -> np.ndarray:
+        """One signal of all experiments together."""
+        return np.concatenate([getattr(m, name) for m in self.each])
+
+
+def motions_of(experiments: Sequence[Experiment], role: str) -> Motions:
+    """The motion of the body that a sensor is on.
+
+    raises  NotEnoughData: 50 values of the sensor in a row are not there
+    """
+    smoothing = smoothing_of(experiments, role)
+    speeds = [np.abs(motion_of(e, role, smoothing, 0.0).speed) for e in experiments]
+    top = float(np.nanquantile(np.concatenate(speeds), 0.99))
+    each = tuple(motion_of(e, role, smoothing, top) for e in experiments)
+    return Motions(each, smoothing, top, smoothing.window if role.endswith("angle") else 0)
+
+
 def smoothing_of(experiments: Sequence[Experiment], role: str) -> Smoothing:
     """The highest cut-off at which noise is a small share of the acceleration.
 
@@ -123,12 +152,6 @@ def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: floa
         found["side"][part] = _held(_side(ends))
     slow = ~(np.abs(found["speed"]) > max(SURE * smoothing.speed_noise, STANDS * top))
     return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known)
-
-
-def top_speed(experiments: Sequence[Experiment], role: str, smoothing: Smoothing) -> float:
-    """The speed that a hundredth of the samples exceeds."""
-    speeds = [np.abs(motion_of(e, role, smoothing, 0.0).speed) for e in experiments]
-    return float(np.nanquantile(np.concatenate(speeds), 0.99))
 
 
 def _near(measured: np.ndarray, most: int) -> np.ndarray:

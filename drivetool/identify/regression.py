@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.identify.laws import Law
-from drivetool.identify.motion import ORDER, Motion, Smoothing
+from drivetool.identify.motion import ORDER, Motions
 from drivetool.identify.task import Task
 from drivetool.logs.zero_phase import low_pass
 
@@ -23,7 +23,11 @@ BLOCKS = 16  # contiguous, so that errors may be correlated within (Bester, Conl
 
 @dataclass(frozen=True)
 class Regression:
-    """Values of the free parameters and of the laws' factors (k,), and each block's share of their error (BLOCKS, k)."""
+    """A solution.
+
+    values     (k,) of the free parameters, then of the laws' factors
+    influence  (BLOCKS, k) each block's share of their error
+    """
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -37,14 +41,14 @@ def regressable(task: Task) -> bool:
     return task.roles.inputs == ("motor_torque",) and len(drive.bodies) == 1 and known <= set(COLUMNS)
 
 
-def regress(task: Task, motions: Sequence[Motion], smoothing: Smoothing, laws: Sequence[Law] = ()) -> Regression:
-    """Least squares of the free parameters, the others held at their values.
+def regress(task: Task, seen: Motions, laws: Sequence[Law] = ()) -> Regression:
+    """Least squares of the free parameters and the laws' factors, the other parameters held at their values.
 
-    motions  one per experiment; laws: as in the columns of `library`
+    source  Gautier, Janot and Vandanjon 2013, for the filters
     """
-    is_angle = task.roles.outputs[0].endswith("angle")
+    is_angle, smoothing = seen.lag > 0, seen.smoothing
     rows, torques = [], []
-    for i, (e, m) in enumerate(zip(task.experiments, motions, strict=True)):
+    for i, (e, m) in enumerate(zip(task.experiments, seen.each, strict=True)):
         columns = np.column_stack([m.acceleration, m.speed, m.side, np.where(m.known, 1.0, np.nan),
                                    *(law.columns[i] for law in laws)])
         torque = np.where(m.known, e.signals["motor_torque"], np.nan)
@@ -78,7 +82,8 @@ def _solved(task: Task, rows: np.ndarray, torque: np.ndarray, more: int) -> Regr
     scores = rows * (torque - rows @ values)[:, None]
     block = np.arange(len(rows)) * BLOCKS // max(len(rows), 1)
     sums = np.array([scores[block == b].sum(axis=0) for b in range(BLOCKS)])
-    return Regression((*task.free, *(f"motor.law{i + 1}" for i in range(more))), values / size, sums @ inverse / size)
+    names = (*task.free, *(f"motor.law{i + 1}" for i in range(more)))
+    return Regression(names, values / size, sums @ inverse / size)
 
 
 def _beside(slow: np.ndarray) -> np.ndarray:

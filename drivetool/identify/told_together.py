@@ -40,8 +40,8 @@ def only_ratios(outcome: Outcome) -> bool:
     Then all inertias, stiffnesses and frictions may be multiplied by one number and nothing changes.
     """
     problem, point, drive = outcome.problem, outcome.solution.point, outcome.drive
-    torques = np.array([drive.quantity(n).unit.startswith("{T}") for n in problem.names], bool)
-    held = [n for n, v in drive.values.items() if v and n not in problem.names and drive.quantity(n).unit[:3] == "{T}"]
+    torques = np.array([_of_torque(n, drive) for n in problem.names], bool)
+    held = [n for n, v in drive.values.items() if v and n not in problem.names and _of_torque(n, drive)]
     if held or not torques.any():
         return False
     # By free runs: frozen gains turn a torque noise of absolute size into knowledge of the scale.
@@ -53,9 +53,14 @@ def only_ratios(outcome: Outcome) -> bool:
     return bool(told < max(variance, rounding))
 
 
+def _of_torque(name: str, drive: Drive) -> bool:
+    """Whether a parameter is measured in torques, alone or over motions."""
+    return drive.quantity(name).unit.startswith("{T}")
+
+
 def without_sizes(lines: Sequence[Parameter], outcome: Outcome) -> tuple[tuple[Parameter, ...], Finding]:
     """The lines without an interval of any torque, and what to say."""
-    torques = {n for n in outcome.task.free if outcome.drive.quantity(n).unit.startswith("{T}")}
+    torques = {n for n in outcome.task.free if _of_torque(n, outcome.drive)}
     found = tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, status="not-identifiable",
                           reason="only its ratio to the other torques is told: no torque of known size acts")
                   if p.name in torques else p for p in lines)
