@@ -267,6 +267,11 @@ CODES = {
         "The input is a measured torque. Its sensor noise does not act on the drive, so it is an "
         "errors-in-variables problem, and the parameters may be biased.",
         "Log the torque command if the drive offers it."),
+    "torque-noise-unfelt": Code(
+        NOTE,
+        "Part of the logged torque has no effect on the motion. It is as strong at all frequencies as the noise of a "
+        "measurement is, so the log is a measurement. The fit takes that part out.",
+        "State `torque_is: measurement` in the channel map; log the torque command if the drive offers it."),
     "unit-doubted": Code(
         WARNING,
         "The drive has a multiple of the inertia it starts with. Where the factor is that between two units, a "

@@ -16,7 +16,9 @@ from drivetool.identify.candidates import Candidate, Field
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
 from drivetool.identify.influence import SLACK, sandwich
 from drivetool.identify.innovations import Fit
+from drivetool.identify.laws import UNFELT
 from drivetool.identify.least_squares import solve
+from drivetool.identify.motion import NOISE_SHARE
 from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.results import Z95
 from drivetool.identify.setup import first_point
@@ -129,10 +131,17 @@ def spread(field: Field, errors: Mapping[str, float], name: str,
             d = field.candidates[other]
             off = c.own - d.own
             one = np.sqrt(np.diag(sandwich(c.influence - d.influence))) / SLACK
+            if "regression, laws" in (name, other):
+                one = one + _attenuation(c)
             apart.append(np.sign(off) * np.maximum(np.abs(off) - one, 0.0))
     rows = np.array(apart).reshape(-1, len(c.own))
     structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
     return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
+
+
+def _attenuation(c: Candidate) -> np.ndarray:
+    """(k,) by how much sensor noise may lower what a regression finds: the inertia, as its cut-off allows."""
+    return np.array([NOISE_SHARE if n.endswith(".inertia") else 0.0 for n in c.task.free[:len(c.own)]]) * np.abs(c.own)
 
 
 def _sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -191,16 +200,27 @@ def _findings(field: Field, name: str, laws: Sequence[FoundLaw], noise: np.ndarr
     size = float(np.sqrt(np.mean(torque**2)))
     heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
              if np.linalg.norm(law.factors) > WEIGHTY * size}
+    unfelt = _unfelt(laws, task) if heavy.pop(UNFELT, 0.0) else ()
     likelier = _value(field, name) - _value(field, "coloured, laws") > LIKELIER
     doubted = [n for n, a, b in zip(task.free, noise, structure, strict=True) if b > a]
     if not (heavy or likelier or doubted):
-        return ()
+        return unfelt
     guess = max(heavy, key=heavy.__getitem__) if heavy else None
     text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
-    return (Finding(
+    return (*unfelt, Finding(
         "warning", "model-error", f"{text}; a noise model would hide it.",
         {f"share of the torque: {n}": s for n, s in heavy.items()},
         "Run diagnose on this file; the intervals include what the explanations disagree in."),)
+
+
+def _unfelt(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding, ...]:
+    """What is said of noise that is in the log of the torque only."""
+    law = next(law for law in laws if law.name == UNFELT)
+    return (Finding(
+        "note", "torque-noise-unfelt",
+        f"The drive does not feel {abs(law.factors[0]):.2g} {task.experiments[0].torque_unit} rms of the logged "
+        "torque: that is noise of its measurement, and was taken out.", {"rms": law.factors[0], "std": law.std[0]},
+        "State torque_is: measurement in the channel map; log the torque command if the drive offers it."),)
 
 
 def _value(field: Field, name: str) -> float:

@@ -79,7 +79,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     else:
         explanation, outcome = None, coloured(white)
         figures, findings = both_criteria(outcome, options)
-    findings = [*left, *doubted_channels(task, white.drive), *findings]
+    found = outcome.drive if explanation is None else explanation.own.drive
+    findings = [*left, *doubted_channels(task, found), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
     lacking = {f.code for f in estimate.findings} & LACKING

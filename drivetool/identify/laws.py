@@ -53,7 +53,8 @@ def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[La
     """
     motions, top = seen.each, seen.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
-    found = [Law(UNFELT, tuple(n[:, None] for n in noise), "nothing")] if any(n.any() for n in noise) else []
+    size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
+    found = [Law(UNFELT, tuple(n[:, None] / size for n in noise), "nothing")] if size > 0.0 else []
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
             part: Part = "idle torque", inertia: np.ndarray | None = None) -> None:
