@@ -269,8 +269,8 @@ CODES = {
         "Log the torque command if the drive offers it."),
     "torque-noise-unfelt": Code(
         NOTE,
-        "Part of the logged torque has no effect on the motion. It is as strong at all frequencies as the noise of a "
-        "measurement is, so the log is a measurement. The fit takes that part out.",
+        "Part of the logged torque has no effect on the motion. It is as strong at all frequencies as the noise "
+        "of a measurement is, so the log is a measurement. The fit takes that part out.",
         "State `torque_is: measurement` in the channel map; log the torque command if the drive offers it."),
     "unit-doubted": Code(
         WARNING,

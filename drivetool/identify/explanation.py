@@ -141,7 +141,8 @@ def spread(field: Field, errors: Mapping[str, float], name: str,
 
 def _attenuation(c: Candidate) -> np.ndarray:
     """(k,) by how much sensor noise may lower what a regression finds: the inertia, as its cut-off allows."""
-    return np.array([NOISE_SHARE if n.endswith(".inertia") else 0.0 for n in c.task.free[:len(c.own)]]) * np.abs(c.own)
+    biased = np.array([n.endswith(".inertia") for n in c.task.free[:len(c.own)]])
+    return NOISE_SHARE * biased * np.abs(c.own)
 
 
 def _sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:
