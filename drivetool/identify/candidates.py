@@ -24,6 +24,7 @@ from drivetool.identify.regression import Regression, regress, regressable
 from drivetool.identify.task import Outcome, Task
 
 FEWEST = 200  # measured values in a row: sixteen blocks of a dozen
+TRAINED = 0.7  # share of each record, the rest of which is held out
 IDLE = "motor.idle_torque"
 
 
@@ -96,6 +97,23 @@ def candidates_of(task: Task, white: Outcome) -> Field:
         candidates["regression"] = _of_regression(regress(task, seen), task, (), line)
         candidates["regression, laws"] = _of_regression(regress(task, seen, laws), task, laws, line)
     return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise))
+
+
+def held_out_percent(field: Field, task: Task) -> float:
+    """Fit of free runs to the speed of the last part of each record, by a regression with the laws of the first.
+
+    task  without laws; NaN if there is no regression of it
+    """
+    if not regressable(task):
+        return float("nan")
+    train = tuple(e.between(0.0, TRAINED * e.size * e.step) for e in task.experiments)
+    first = replace(task, experiments=train)
+    laws = [replace(law, columns=tuple(c[:e.size] for c, e in zip(law.columns, train, strict=True)))
+            for law in field.laws]
+    found = regress(first, motions_of(train, task.roles.outputs[0]), laws)
+    whole = with_laws(task, field.laws).at(dict(zip(found.names, found.values, strict=True)))
+    rest = tuple(e.between(TRAINED * e.size * e.step, e.size * e.step) for e in whole.experiments)
+    return field.judge.fit_percent(replace(whole, experiments=rest, start={}))
 
 
 def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:

@@ -14,14 +14,13 @@ from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.explanation import Explanation, told
 from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import Noise, normal_under
+from drivetool.identify.noise import normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 from drivetool.identify.start import contradicted_start
-from drivetool.identify.task import Task
 from drivetool.identify.told_together import on_the_last, only_ratios, told_together, without_sizes
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
@@ -66,9 +65,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     own, figures = task.at_point(solution.point), {}
     if explanation is not None:
         lines, covariance = told(lines, explanation)
-        figures = dict(explanation.figures)
-        if explanation.laws:
-            figures["simulation_fit_percent_with_laws"] = simulated_percent(own, outcome.fit.noise)
+        figures = explanation.figures
         own = explanation.own
         after = own.drive
     if only_ratios(outcome):
@@ -99,13 +96,6 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         tuple((e.name, e.sha256) for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
-
-
-def simulated_percent(task: Task, noise: Noise) -> float:
-    """Fit of free runs over whole stretches."""
-    problem, _, runs = free_run(task, noise=noise)
-    return fit_percent(*(np.concatenate([x[:, 0] for x in xs]) for xs in (
-        [t.outputs for t in problem.traces], runs)))
 
 
 def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Covariance | None) -> list[Finding]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.identify.candidates import Candidate, Field
+from drivetool.identify.candidates import Candidate, Field, held_out_percent
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
 from drivetool.identify.influence import SLACK, sandwich
 from drivetool.identify.innovations import Fit
@@ -51,7 +51,7 @@ class Explanation:
     std_noise      (k,) standard deviations by noise; std_structure: (k,) by what the explanations disagree in
     covariance     (k, k) of both together
     laws           that were found
-    figures        fit of free runs of a second [%]: of the drive alone, and with the laws
+    figures        fit of free runs to the speed [%]: of the drive alone, and with the laws
     findings       what follows for the drive
     worthless      whether a constant speed explains the record better
     """
@@ -82,23 +82,22 @@ def explain(field: Field, task: Task) -> Explanation:
     own = replace(task, drive=task.drive).at(dict(zip(task.free, c.own, strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
     findings = _findings(field, name, laws, noise, structure, task)
-    constant = field.judge.spread(task)
-    figures = {"free_run_fit_percent": 100.0 * (1.0 - field.judge.error(own) / constant)}
+    figures = {"speed_fit_percent": field.judge.fit_percent(own)}
     if laws:
-        figures["free_run_fit_percent_with_laws"] = 100.0 * (1.0 - errors[name] / constant)
-    worthless = not errors[name] < constant
+        figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
+    # Laws that are many enough explain any record to which they are fitted, so they must where they are not.
+    worthless = figures["speed_fit_percent"] <= 0.0 and not held_out_percent(field, task) > 0.0
     if worthless:
-        findings = (*findings, _nothing(errors[name], constant))
+        findings = (*findings, _nothing(figures["speed_fit_percent"]))
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, laws, figures, findings, worthless)
 
 
-def _nothing(error: float, constant: float) -> Finding:
+def _nothing(percent: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        "Free runs of a second explain less of the speed than a constant does, whatever was fitted: this drive is "
-        "not that machine, or torque and motion are not of one axis.",
-        {"error": error, "error of a constant": constant},
+        f"A free run explains less of the speed than a constant does (fit {percent:.3g} %), whatever was fitted: "
+        "this drive is not that machine, or torque and motion are not of one axis.", {"speed_fit_percent": percent},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
 
 

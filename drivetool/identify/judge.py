@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.identify.engine import free_run
 from drivetool.identify.least_squares import solve
 from drivetool.identify.motion import Smoothing
 from drivetool.identify.noise import Noise, filtered
@@ -51,11 +52,17 @@ class Judge:
                   for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True)]
         return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
-    def spread(self, task: Task) -> float:
-        """Standard deviation of the speed, measured alike: the error of a constant."""
+    def fit_percent(self, task: Task) -> float:
+        """100 (1 - error over that of a constant) of free runs over whole stretches, both as a speed."""
+        problem, _, runs = free_run(task, noise=self.noise)
         is_angle = task.roles.outputs[0].endswith("angle")
-        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in task.problem(LENGTH, ()).traces]
-        return float(np.nanstd(np.concatenate(speeds)))
+        measured, errors = [], []
+        for trace, run in zip(problem.traces, runs, strict=True):
+            measured.append(self._as_speed(trace.outputs[:, 0], trace.step, is_angle))
+            errors.append(self._as_speed(run[:, 0] - trace.outputs[:, 0], trace.step, is_angle))
+        spread = np.nanstd(np.concatenate(measured))
+        error = np.sqrt(np.nanmean(np.concatenate(errors) ** 2))
+        return float(100.0 * (1.0 - error / spread)) if spread > 0.0 else float("nan")
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
         wide = self.smoothing.window
