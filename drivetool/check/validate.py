@@ -15,14 +15,14 @@ from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.compose import fit_percent, fit_words
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.estimate import Covariance, Exhibit
 from drivetool.logs.experiment import Experiment
 
 Model = tuple[str, Drive, Mapping[str, float]]
 
 
 def validate(experiments: Sequence[Experiment], models: Sequence[Model], options: ValidateOptions,
-             fitted_on: Sequence[Iterable[str]] = ()) -> Validation:
+             fitted_on: Sequence[Iterable[str]] = (), known: Sequence[Covariance | None] = ()) -> Validation:
     """Every model on every record: simulation, one-step prediction, what is left over.
 
     experiments  motor torque and any sensors; the start states of the free runs are fitted to
@@ -30,6 +30,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     models       (name, drive, noise of its file) each
     options      bars, length of the free runs, seed
     fitted_on    per model, the sha256 of the recordings its fit has seen
+    known        per model, the covariance of its parameters, which says what its fit leaves open
     returns      Validation; one check per model, record and measured output
     raises       BadParameters: a model that cannot be simulated; BadRecording, BadOption: see replay
     source       fit: Ostring et al. 2003; residual against input: Ljung 1999, sec. 16.6, and
@@ -46,9 +47,10 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     findings: list[Finding] = []
     limited: list[RecordCheck] = []
     exhibits: list[Exhibit] = []
-    for name, (_, drive, noise), hashes in zip(names, models, seen, strict=True):
+    for name, (_, drive, noise), hashes, spread in zip(
+            names, models, seen, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
-            run = replay(experiment, drive, noise, options.segment)
+            run = replay(experiment, drive, noise, options.segment, spread)
             found = [_correlation(run, m, experiment, drive, options.seed) for m in range(len(run.outputs))]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
             checks += mine
