@@ -17,7 +17,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import forecast, gain_of, unexplained_percent
+from drivetool.check.forecast import exact, forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
 from drivetool.check.further_orders import with_another_order
 from drivetool.check.further_steps import with_further_steps
@@ -93,7 +93,12 @@ class Search:
         self.first, self.first_folds = base, folds_of(both(base, self.masks), self.samples)
 
     def run(self) -> Search:
-        """All rounds, until nothing more is found; further ones where a cause turned out another one by then."""
+        """All rounds, until nothing more is found; further ones where a cause turned out another one by then.
+
+        None where free runs of the base leave rounding alone.
+        """
+        if exact(self.model):
+            return self
         self._rounds()
         drop_needless(self)
         if doubts_again(self):

@@ -16,6 +16,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.compose import fit_percent, fit_words
 from drivetool.identify.estimate import Covariance, Exhibit
+from drivetool.identify.rounding import only_rounding
 from drivetool.logs.experiment import Experiment
 
 Model = tuple[str, Drive, Mapping[str, float]]
@@ -46,25 +47,30 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     limited: list[RecordCheck] = []
+    to_rounding: list[RecordCheck] = []
     exhibits: list[Exhibit] = []
     for name, (_, drive, noise), hashes, spread in zip(
             names, models, seen, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
             run = replay(experiment, drive, noise, options.segment, spread)
-            found = [_correlation(run, m, experiment, drive, options.seed) for m in range(len(run.outputs))]
+            rounded = [only_rounding(run.measured[:, m], run.simulated[:, m], run.inputs)
+                       for m in range(len(run.outputs))]
+            found = [None if exact else _correlation(run, m, experiment, drive, options.seed)
+                     for m, exact in enumerate(rounded)]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
             checks += mine
+            to_rounding += [check for check, exact in zip(mine, rounded, strict=True) if exact]
             findings += remarks.of_record(experiment, experiments, hashes, mine[0])
             findings += [] if options.segment else drift(experiment, drive, run, mine[0])
             note = noise_limit(run, mine[0], options.max_correlation, options.seed)
             findings += note
             limited += mine[:1] if note else []
             for m, (check, correlation) in enumerate(zip(mine, found, strict=True)):
-                findings += remarks.of_check(check, correlation, options)
+                findings += remarks.of_check(check, correlation, options, check in to_rounding)
                 exhibits += _exhibits(experiment, run, m, check, correlation, options)
     unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
     return Validation(
-        tuple(checks), remarks.verdict(checks, options, any(unseen), limited), tuple(findings),
+        tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
         tuple((e.name, e.sha256) for e in experiments), {}, tuple(exhibits))
 
 
