@@ -96,13 +96,9 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
 def settle(problem: Problem, fit: Fit) -> Fit:
     """Repeat the last round with a tight tolerance, so that two ways in end in the same digits.
 
-    Before that, the noise is sought everywhere once more: the last rounds looked near their own only.
+    Before that, the noise is sought everywhere once more.
     """
-    elsewhere = likelier_ratio(problem, fit.point, fit.noise)
-    if elsewhere is not None:
-        further = fit_innovations(problem, fit.point, elsewhere, arrived=True)
-        # The plain likelihood may be worse by a little where the restricted one is better.
-        fit = further if further.value < fit.value + WORSE else fit
+    fit = sought_everywhere(problem, fit)
     gains = [f.gains for f in filtered(problem, fit.point, fit.noise)]
     solution = solve(problem.with_memory(fit.noise.memory), with_state(fit.point, fit.noise),
                      gains, relative=1e-11)
@@ -112,6 +108,16 @@ def settle(problem: Problem, fit: Fit) -> Fit:
     if value > fit.value + WORSE:
         return fit
     return replace(fit, solution=solution, passes=tuple(passes), value=value)
+
+
+def sought_everywhere(problem: Problem, fit: Fit) -> Fit:
+    """The fit, or one from a noise ratio that is likelier: the last rounds looked near their own only."""
+    elsewhere = likelier_ratio(problem, fit.point, fit.noise)
+    if elsewhere is None:
+        return fit
+    further = fit_innovations(problem, fit.point, elsewhere, arrived=True)
+    # The plain likelihood may be worse by a little where the restricted one is better.
+    return further if further.value < fit.value + WORSE else fit
 
 
 def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:

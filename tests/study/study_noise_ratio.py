@@ -22,10 +22,10 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.engine import Task, smoothed_starts
-from drivetool.identify.noise import Noise, filtered, integrated, minus_log_likelihood, natural_ratio
-from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_point, reverses, roles_of
+from drivetool.identify.engine import Outcome, Task, by_innovations, coloured
+from drivetool.identify.greybox import default_free
+from drivetool.identify.noise import integrated, natural_ratio
+from drivetool.identify.setup import reverses, roles_of
 from drivetool.logs.experiment import Experiment
 from tests.recover import drive_like, experiment, linear_record
 from tests.simulator.machine import Machine, machine_by_seed
@@ -121,7 +121,8 @@ def one_mass(case: Case) -> Records:
 
 def one(case: Case) -> dict:
     """Fit, judge, look along the ratio; what the talk of a failed command ends in."""
-    records, drive = records_of(case), {"one-body": one_body, "two-mass": two_mass}[case.kind]()
+    records = records_of(case)
+    drive = {"one-body": one_body, "two-mass": two_mass}[case.kind]().with_values(records.start)
     with tempfile.TemporaryDirectory() as room:
         for name, e in (("fitted", records.fitted), ("held", records.held)):
             units = {"motor_torque": "Nm", "motor_speed": "rad/s"}
@@ -132,30 +133,23 @@ def one(case: Case) -> dict:
         if fit.returncode not in (0, 3):
             return {"failed": fit.stderr[-300:]}
         judged = run_inside(Path(room), ["validate", "held.parquet", "--params", "fit.yaml", "--json"])
-    answer = json.loads(fit.stdout)
-    values = {n: line["value"] for n, line in answer["parameters"].items() if line.get("value") is not None}
-    free = tuple(n for n, line in answer["parameters"].items() if line["status"] in ("fitted", "at-bound"))
-    lag, lag_plain = behind(Task(drive.with_values(values), free, roles_of([records.fitted], drive),
-                                 (records.fitted,)), answer["noise"])
-    return {"behind": lag, "behind_plain": lag_plain, "code": judged.returncode, "noise": answer["noise"],
-            "findings": [f["code"] for f in answer["findings"]],
-            "said": [f["code"] for f in json.loads(judged.stdout)["findings"]]}
+    answer, said = json.loads(fit.stdout), json.loads(judged.stdout)
+    task = Task(drive, default_free(drive, [records.fitted]), roles_of([records.fitted], drive), (records.fitted,))
+    return {"behind": behind(coloured(by_innovations(task, [{}]))), "code": judged.returncode,
+            "noise": answer["noise"], "findings": [f["code"] for f in answer["findings"]],
+            "said": [f["code"] for f in said["findings"]]}
 
 
-def behind(task: Task, noise: Mapping[str, float]) -> tuple[float, float]:
-    """(restricted log likelihood, plain log likelihood) by which the best ratio of the grid is better than a fit's.
+def behind(outcome: Outcome) -> float:
+    """Restricted log likelihood by which a ratio of the grid is better than that of the fit, all else as it is.
 
-    task  at the values of the fit; noise: its figures
+    Ratios next to it do not count: where dry friction sticks and slips the likelihood is rough.
     """
-    problem, sensor, step = task.problem(), noise["sensor_std.motor_speed"], task.experiments[0].step
-    memory = float(np.exp(-step / noise["torque_correlation_time"])) if "torque_correlation_time" in noise else None
-    found = Noise(noise["torque_std"] / sensor, memory, problem.scale, slow=noise.get("torque_slow_share"))
-    point = first_point(task.drive, problem, task.roles)
-    point = Point(point.values, smoothed_starts(problem, point, replace(found, memory=None, slow=None)))
-    others = [replace(found, ratio=natural_ratio(problem, point) * 10.0**decades) for decades in GRID]
-    both = np.array([(integrated(problem, point, n, passes)[0], minus_log_likelihood(passes))
-                     for n in (found, *others) for passes in [filtered(problem, point, n)]])
-    return tuple((both[0] - both.min(axis=0)).tolist())
+    problem, point, found = outcome.problem, outcome.fit.point, outcome.fit.noise
+    ratios = natural_ratio(problem, point) * 10.0**GRID
+    ratios = ratios[np.abs(np.log10(ratios / found.ratio)) > np.diff(GRID)[0]]
+    least = min(integrated(problem, point, replace(found, ratio=r))[0] for r in ratios)
+    return integrated(problem, point, found)[0] - least
 
 
 @pytest.mark.study
