@@ -95,8 +95,9 @@ def run(job: Job, options: ValidateOptions) -> int:
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
+    more |= {"known": known} if any(known) else {}
     try:
-        validation = validate(opened.experiments, models, options, known=known, **more)
+        validation = validate(opened.experiments, models, options, **more)
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
