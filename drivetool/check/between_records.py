@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.check.heldout import Fold, refit
 from drivetool.check.linear_step import linear_step
-from drivetool.check.model import BROKEN, Model, renewed
+from drivetool.check.model import BROKEN, Model, likeliest_noise, over
 from drivetool.check.remainder import remainder
 from drivetool.errors import Finding
 from drivetool.identify.noise import normal_under
@@ -55,10 +55,7 @@ def _held_out(model: Model, fold: Fold) -> tuple[Model, list[np.ndarray]]:
     """(the model over the records held out alone, noise estimated there; which samples of those count)."""
     keep = [i for i, mask in enumerate(fold.test) if mask.any()]
     masks = [fold.again[i] for i in keep]
-    problem = replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep))
-    point = Point(model.point.values, tuple(model.point.starts[i] for i in keep))
-    noise, value = renewed(problem, point, model.noise, masks)
-    return replace(model, task=model.fitted, problem=problem, point=point, noise=noise, value=value), masks
+    return likeliest_noise(replace(over(model, keep), task=model.fitted), masks), masks
 
 
 def _change(held: Model, masks: list[np.ndarray]) -> Change | None:

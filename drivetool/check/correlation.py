@@ -63,8 +63,9 @@ def correlate(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray], ste
     - The share of the residual that any filter of the torque over these lags explains (F test),
       both whitened by the autoregression of the residual, white if the noise model is right. It
       sees the ringing that a wrong stiffness leaves: over a slow torque it averages out of r.
-    The model counts as exact: one fitted on a record of equal length falls below p = 0.01 in some
-    4 % of cases, below 0.001 as good as never.
+    The model counts as exact: where its fit is known, what that leaves open is allowed for before (left_open.py).
+    Taken as exact, one fitted on a record of equal length and the same motion falls below p = 0.01 in some 4 % of
+    cases, below 0.001 as good as never; in another motion more often.
 
     residuals   (n,) per stretch, NaN where there is none; inputs: (n, nu) per stretch
     step        sample interval [s]

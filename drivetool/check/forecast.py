@@ -17,6 +17,7 @@ from drivetool.drive.simulate import Trace
 from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import free_run
 from drivetool.identify.noise import filtered
+from drivetool.identify.rounding import explains
 
 AWAY = 1e3  # times the largest measured value: a run that is further off has diverged
 
@@ -83,6 +84,12 @@ def forecast(models: Sequence[Model], folds: Sequence[Fold]) -> Forecast:
         measured += [t.outputs[:, 0] for t in traces]
         simulated += [_bounded(r[:, 0], t.outputs[:, 0]) for t, r in zip(traces, runs, strict=True)]
     return Forecast(tuple(measured), tuple(simulated))
+
+
+def exact(model: Model) -> bool:
+    """Whether free runs of a model over whole records leave rounding alone of the first output."""
+    traces = model.problem.traces
+    return explains(traces, free_run(model.fitted, traces, model.noise)[2])
 
 
 def _bounded(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.special import gammaincc, gammaln
 
 from drivetool.check.allowance import allowed
 from drivetool.check.folds import blocks_of
-from drivetool.check.model import Masks, Model, fit, judge, losses, spread, whitened
+from drivetool.check.model import Masks, Model, fit, judge, likeliest_noise, losses, over, spread, whitened
 from drivetool.check.samples import Samples
 from drivetool.drive.effects.load_step import TIMES
 from drivetool.identify.engine import looks_coloured
@@ -112,7 +112,7 @@ def folds_of(bases: Sequence[Model], samples: Sequence[Samples]) -> list[Fold]:
     """
     def fold(its: Samples) -> Fold:
         trained, test = min((refit(b, its.train) for b in heard), key=lambda m: m.value), its.test
-        tested = [refit(b, its.again, renew=True) for b in bases]
+        tested = [refit(likeliest_noise(b, its.again), its.again, renew=True) for b in bases]
         return Fold(*its, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
 
     heard = [cautious(b, samples[0].train) for b in bases]  # of the same records in every fold
@@ -128,10 +128,8 @@ def cautious(model: Model, masks: Masks) -> Model:
     """
     if model.noise.memory is not None:
         return model
-    keep = [i for i, mask in enumerate(masks) if mask.any()]
-    problem = replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep))
-    point = Point(model.point.values, tuple(model.point.starts[i] for i in keep))
-    noise = fit_ratio(problem, point, model.noise, settled=True)
+    part = over(model, [i for i, mask in enumerate(masks) if mask.any()])
+    noise = fit_ratio(part.problem, part.point, model.noise, settled=True)
     return replace(model, noise=noise) if noise.ratio > LOUDER * model.noise.ratio else model
 
 

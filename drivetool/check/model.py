@@ -100,6 +100,12 @@ def spread(passes: Sequence[Filtered], masks: Masks) -> float:
     return squares / max(count, 1)
 
 
+def over(model: Model, keep: Sequence[int]) -> Model:
+    """The model over some of its traces."""
+    return replace(model, problem=replace(model.problem, traces=tuple(model.problem.traces[i] for i in keep)),
+                   point=Point(model.point.values, tuple(model.point.starts[i] for i in keep)))
+
+
 def sensor_std(model: Model, output: int = 0) -> float:
     """Std of a sensor's white noise, of the first one if none is said, as the model has it."""
     passes = filtered(model.problem, model.point, model.noise, keep=False)
@@ -187,6 +193,19 @@ def heard_afresh(model: Model, masks: Masks) -> Model:
 def first_noise(problem: Problem, point: Point, masks: Masks) -> Noise:
     """The noise at a point where none has been fitted: its figures looked for far around."""
     return listened(problem, point, fit_ratio(problem, point, Noise(1.0, None, problem.scale)), masks)
+
+
+def likeliest_noise(model: Model, masks: Masks) -> Model:
+    """The model as it is under the likeliest noise of the samples of a mask: estimated near its own, or anywhere.
+
+    On records that it was not fitted to: where parameters have absorbed the slow part of the torque noise, next to
+    none is left of it, and from there no way leads back to what other records have.
+    """
+    near = renewed(model.problem, model.point, model.noise, masks)
+    if model.noise.memory is None:
+        noise = first_noise(model.problem, model.point, masks)
+        near = min(near, (noise, judge(model.problem, model.point, noise, masks)), key=lambda pair: pair[1])
+    return replace(model, noise=near[0], value=near[1])
 
 
 def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
-from drivetool.check.model import BROKEN, Masks, Model, everything, fit, sensor_std, spread
+from drivetool.check.model import BROKEN, Masks, Model, everything, fit, likeliest_noise, over, sensor_std, spread
 from drivetool.check.preflight import COARSE
 from drivetool.check.resolution import resolution
 from drivetool.drive.simulate import Filtered, Gains
@@ -47,18 +47,21 @@ class Remainder:
         return max(self.memory, self.size, self.place, self.time)
 
 
-def remainder(model: Model) -> Remainder:
+def remainder(model: Model, held: Masks = ()) -> Remainder:
     """The remainder of a model over its records, from the first output.
+
+    held  per trace (n,) samples of records held out, none of those that the model was fitted to: the noise of these
+          is estimated on them
 
     A logger that rounds leaves errors that repeat where the motion is slow: what it leaves in records of the
     model itself, logged in the same steps, is no sign of anything else.
     """
-    found = _left(model, model.problem)
+    found = _left(model, model.problem, held)
     steps = _steps_of(model)
     # Records made up have no torque noise that is weak where it is slow, and that leaves something by itself.
     if found.total == 0.0 or steps[0] == 0.0 or (model.noise.slow is not None and not is_coarse(model)):
         return found
-    rounding = _left(model, _logged_again(model, steps))
+    rounding = _left(model, _logged_again(model, steps), held)
     return Remainder(*(max(0.0, getattr(found, name) - ROUNDED * getattr(rounding, name))
                        for name in ("memory", "size", "place", "time")))
 
@@ -112,9 +115,20 @@ def _logged_again(model: Model, steps: np.ndarray) -> Problem:
     return replace(problem, traces=tuple(traces))
 
 
-def _left(model: Model, problem: Problem) -> Remainder:
+def _passes(model: Model, held: Masks) -> list[Filtered]:
+    """A Kalman pass per trace; over records held out under the likeliest noise of those."""
+    passes = filtered(model.problem, model.point, model.noise)
+    apart = [i for i, mask in enumerate(held) if mask.any()]
+    if apart:
+        own = likeliest_noise(over(model, apart), [held[i] for i in apart])
+        for i, passed in zip(apart, filtered(own.problem, own.point, own.noise), strict=True):
+            passes[i] = passed
+    return passes
+
+
+def _left(model: Model, problem: Problem, held: Masks = ()) -> Remainder:
     """The remainder of a model over the records of a problem."""
-    passes = filtered(problem, model.point, model.noise)
+    passes = _passes(replace(model, problem=problem), held)
     z, torque, speed, lengths = [], [], [], []
     for f, t in zip(passes, problem.traces, strict=True):
         e = f.innovations[:, 0] / np.sqrt(f.variance[:, 0])

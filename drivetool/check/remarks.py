@@ -10,6 +10,7 @@ from drivetool.check.correlation import ALARM, Correlation
 from drivetool.check.validation import RecordCheck, ValidateOptions
 from drivetool.errors import Finding
 from drivetool.identify.compose import fit_words
+from drivetool.identify.rounding import rounding_alone
 from drivetool.logs.experiment import Experiment
 
 BEYOND = 0.1  # of the fitted range, from which a record counts as outside it
@@ -46,8 +47,9 @@ def of_record(experiment: Experiment, experiments: Sequence[Experiment], fitted_
     return found
 
 
-def of_check(check: RecordCheck, correlation: Correlation | None, options: ValidateOptions) -> list[Finding]:
-    """Bars that are missed, and what the residual says."""
+def of_check(check: RecordCheck, correlation: Correlation | None, options: ValidateOptions,
+             exact: bool = False) -> list[Finding]:
+    """Bars that are missed, and what the residual says; exact: that is rounding alone."""
     where, explained, found = _where(check), _explained(check), []
     if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
         found.append(Finding(
@@ -61,6 +63,8 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
             f"A free run explains less of {where} than a constant does (fit {check.simulation_fit_percent:.4g} %).",
             {"simulation_fit_percent": check.simulation_fit_percent},
             "Run diagnose, or validate on a record with more motion or by shorter free runs: --segment 1."))
+    if exact:
+        return [*found, rounding_alone(where, check.rmse, check.unit)]
     if correlation is None:
         return [*found, Finding(
             "note", "residual-not-testable",
@@ -106,11 +110,12 @@ def of_ranking(checks: Sequence[RecordCheck]) -> list[Finding]:
 
 
 def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: bool,
-            limited: Collection[RecordCheck] = ()) -> str:
+            limited: Collection[RecordCheck] = (), exact: Collection[RecordCheck] = ()) -> str:
     """One sentence for the person who has to trust the model.
 
     unseen   whether any record is one the fit has not seen
     limited  checks whose fit is as good as the torque noise allows
+    exact    checks in which nothing but rounding is left
     """
     missed = [c for c in checks if not c.passed]
     shown = missed or checks
@@ -134,6 +139,8 @@ def verdict(checks: Sequence[RecordCheck], options: ValidateOptions, unseen: boo
         if left:
             some = f" in {len(left)} of them" if len(checks) > 1 else ""
             start += f", but what is left still depends on the torque{some}: run diagnose"
+        elif len(exact) == len(checks):
+            start += ": the model explains everything to rounding"
         elif tested:
             start += ", and nothing in what is left depends on the torque"
     return start + ("." if unseen else "; but the fit has seen every record, so this is no validation.")

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.check.left_open import likeliest, moved
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.engine import Task, segment_states, smoothed_starts
+from drivetool.identify.estimate import Covariance
 from drivetool.identify.least_squares import solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import (
     SENSORS,
@@ -27,6 +29,7 @@ from drivetool.identify.setup import (
 from drivetool.identify.start import Start, contradicted_start, known_states
 from drivetool.logs.experiment import Experiment
 
+TURNS = 2  # steps of the parameters to where they are likeliest, each with the noise anew
 SHORTEST = 20  # samples of a segment, which pays for its start states first
 MORE = (("motor2_speed", "motor2_angle"), ("table_speed", "table_angle"))
 
@@ -40,7 +43,7 @@ class Replay:
     inputs       (n, nu); measured, simulated, predicted: (n, ny), NaN where unmeasured
     from_measured  (n, ny) simulated from the start state that the first samples show
     innovations  (n, ny) normalised errors of the one-step predictions
-    noise        of the passes, and sigma, the std of the first sensor
+    noise        of the model, else of the passes, and sigma, the std of the first sensor
     known        whether the noise came with the model
     pieces       traces of the free runs with the start states, and the problem they belong to
     """
@@ -71,7 +74,7 @@ class Replay:
 
 
 def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], segment: float,
-           start: Start | None = None) -> Replay:
+           start: Start | None = None, known: Covariance | None = None) -> Replay:
     """Run a model over a record.
 
     experiment  motor torque and any sensors; start states are fitted to the first one only,
@@ -81,6 +84,8 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
                 where they are missing the ratio is estimated on the record
     segment     length of the free runs [s]; 0: whole stretches
     start       what is known of the state in which the record begins
+    known       covariance of the parameters by their fit: what is judged is the likeliest that it leaves open, of
+                the noise too; None: the model is taken as exact. Free runs are those of the drive as it is
     raises      BadParameters: a value is missing; BadOption: segments too short, a start state that is none;
                 BadRecording: no torque or no sensor
     """
@@ -90,9 +95,9 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
                         f"{segment:g} s", "Give --segment more, or 0 for one free run.")
     every = measured_roles(experiment, drive)
     first = Roles(every.inputs, every.outputs[:1])
-    known = known_states(start or Start(), drive, (), every)
-    task = Task(drive, (), first, (experiment,), known)
-    pieces, problem = traces_of([experiment], every, segment, known), task.problem(segment)
+    begun = known_states(start or Start(), drive, (), every)
+    task = Task(drive, (), first, (experiment,), begun)
+    pieces, problem = traces_of([experiment], every, segment, begun), task.problem(segment)
     starts = start_states(task, problem)
     model = problem_of(drive, (), every, pieces)
     runs, offsets = _joined(model, every, _with_angle(drive, every, first, pieces, starts))
@@ -100,7 +105,7 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     whole = traces_of([experiment], every)
     ends = np.cumsum([t.size for t in whole])
     passes, spread = _passes(task, every, [replace(t, outputs=t.outputs - o.mean(axis=0)) for t, o in zip(
-        whole, np.split(offsets, ends[:-1]), strict=True)], noise)
+        whole, np.split(offsets, ends[:-1]), strict=True)], noise, known)
     innovations = np.concatenate([p.innovations for p in passes])
     z = innovations / np.sqrt(np.concatenate([p.variance for p in passes]))
     measured = np.concatenate([t.outputs for t in whole])
@@ -170,36 +175,67 @@ def resonances(drive: Drive, step: float) -> list[float]:
 
 
 def _passes(task: Task, every: Roles, whole: Sequence[Trace],
-            noise: Mapping[str, float]) -> tuple[list[Filtered], Noise]:
+            noise: Mapping[str, float], known: Covariance | None) -> tuple[list[Filtered], Noise]:
     """Kalman passes over whole stretches: the first output on its own, the others with it.
 
     A load sensor with a wrong scale must not spoil what is said about the motor.
     """
     first = [replace(t, outputs=t.outputs[:, :1]) for t in whole]
-    passes, model = _track(task, task.roles, first, noise)
+    passes, model = _track(task, task.roles, first, noise, known)
     if len(every.outputs) == 1:
         return passes, model
-    both, _ = _track(task, every, whole, noise)
+    both, _ = _track(task, every, whole, noise, known)
     joined = [replace(b, innovations=np.hstack([a.innovations, b.innovations[:, 1:]]),
                       variance=np.hstack([a.variance, b.variance[:, 1:]]))
               for a, b in zip(passes, both, strict=True)]
     return joined, model
 
 
-def _track(task: Task, roles: Roles, traces: Sequence[Trace],
-           noise: Mapping[str, float]) -> tuple[list[Filtered], Noise]:
-    """Kalman passes from start states that predict best, and their noise."""
+def _track(task: Task, roles: Roles, traces: Sequence[Trace], noise: Mapping[str, float],
+           known: Covariance | None) -> tuple[list[Filtered], Noise]:
+    """Kalman passes of the likeliest model that the fit leaves open, and the noise of the model as it came."""
     problem = problem_of(task.drive, (), roles, traces)
-    point = Point(np.empty(0), first_states(task.drive, roles, traces))
-    model = _noise_of(roles, noise, problem)
-    if model is None:
-        guess = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-        point = replace(point, starts=smoothed_starts(problem, point, guess))
-        model = fit_ratio(problem, point, guess)
-    gains = [f.gains for f in filtered(problem, point, model)]
-    starts = point.starts if model.memory is None else tuple(np.append(s, 0.0) for s in point.starts)
-    point = solve(problem.with_memory(model.memory), replace(point, starts=starts), gains, most=10).point
-    return filtered(problem, point, model, keep=False), model
+    first, told = Point(np.empty(0), first_states(task.drive, roles, traces)), _noise_of(roles, noise, problem)
+    if told is None:
+        guess = fit_ratio(problem, first, Noise(1.0, None, problem.scale))
+        first = replace(first, starts=smoothed_starts(problem, first, guess))
+        tracked = _tracked(problem, first, fit_ratio(problem, first, guess))
+    else:
+        tracked = _tracked(problem, first, told)
+    if known is None:
+        return filtered(tracked.problem, tracked.point, tracked.noise, keep=False), tracked.noise
+    tracked = _tracked(problem, tracked.point, tracked.noise, told)
+    for _ in range(TURNS):
+        drive = moved(task.drive, roles, traces, tracked.point, tracked.noise, known)
+        if drive is None:
+            break
+        trial = _tracked(problem_of(drive, (), roles, traces), tracked.point, tracked.noise, told)
+        if trial.value >= tracked.value:
+            break
+        tracked = trial
+    return filtered(tracked.problem, tracked.point, tracked.noise, keep=False), told or tracked.noise
+
+
+@dataclass(frozen=True)
+class _Tracked:
+    """A model over whole stretches: start states that predict best under its noise, and its -log likelihood."""
+
+    problem: Problem
+    point: Point
+    noise: Noise
+    value: float
+
+
+def _tracked(problem: Problem, point: Point, noise: Noise, told: Noise | None = None) -> _Tracked:
+    """The model from start states near those of a point.
+
+    noise  under which they are found; told: about which the likeliest one is sought first, None: none is
+    """
+    point = Point(point.values, tuple(s[:len(problem.free_start)] for s in point.starts))
+    noise = noise if told is None else likeliest(problem, point, told)
+    gains = [f.gains for f in filtered(problem, point, noise)]
+    point = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, most=10).point
+    return _Tracked(problem, point, noise, minus_log_likelihood(filtered(problem, point, noise, keep=False)))
 
 
 def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noise | None:

@@ -17,7 +17,7 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import forecast, gain_of, unexplained_percent
+from drivetool.check.forecast import exact, forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
 from drivetool.check.further_orders import with_another_order
 from drivetool.check.further_steps import with_further_steps
@@ -39,7 +39,7 @@ from drivetool.check.needless import NESTED
 from drivetool.check.parts import with_parts
 from drivetool.check.preflight import Fault
 from drivetool.check.remainder import Remainder, faked, is_coarse, remainder
-from drivetool.check.samples import fitted_samples
+from drivetool.check.samples import fitted_samples, held_out
 from drivetool.check.story import results_of
 from drivetool.errors import Finding
 from drivetool.identify.setup import traces_of
@@ -70,7 +70,7 @@ class Search:
         special = {code for c in wanted for code in NESTED.get(c, ())}
         self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
         self.asked, self.unasked, self.possible = frozenset(wanted), "", frozenset(CAUSES)
-        self.masks, self.train = fitted_samples(samples), tuple(train)
+        self.masks, self.train, self.held = fitted_samples(samples), tuple(train), held_out(samples)
         self.origin = base
         self.stand_on(base)
         self.first_folds = self.folds
@@ -93,7 +93,12 @@ class Search:
         self.first, self.first_folds = base, folds_of(both(base, self.masks), self.samples)
 
     def run(self) -> Search:
-        """All rounds, until nothing more is found; further ones where a cause turned out another one by then."""
+        """All rounds, until nothing more is found; further ones where a cause turned out another one by then.
+
+        None where free runs of the base leave rounding alone.
+        """
+        if exact(self.model):
+            return self
         self._rounds()
         drop_needless(self)
         if doubts_again(self):
@@ -131,7 +136,7 @@ class Search:
             else:
                 self._adopt(decision, scores)
             self.rounds.append(Round(self.found.causes[-1] if stage else None, results, stage))
-            self.left = remainder(self.model)
+            self.left = remainder(self.model, self.held)
             if stage is None:
                 break
             self.stand_on(self.model)
@@ -370,7 +375,7 @@ class Search:
     def give_up(self) -> None:
         """Stand on the first base again: what was found spoils free runs, and is nobody's model of the machine."""
         self.model, self.trained = self.first, tuple(f.trained for f in self.first_folds)
-        self.found, self.left = Found(), remainder(self.first)
+        self.found, self.left = Found(), remainder(self.first, self.held)
         self.change = change_between(self.model, self.first_folds)
 
     @property

@@ -61,3 +61,10 @@ def beginnings(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray]:
 def fitted_samples(folds: Sequence[Samples]) -> list[np.ndarray]:
     """What a final fit may see: all training samples of all folds."""
     return [np.logical_or.reduce(masks) for masks in zip(*(fold.train for fold in folds), strict=True)]
+
+
+def held_out(folds: Sequence[Samples]) -> list[np.ndarray]:
+    """Per trace the samples of records that only judge; none where halves of all records judge in turn."""
+    if len(folds) != 1:
+        return []
+    return [again & test.any() for again, test in zip(folds[0].again, folds[0].test, strict=True)]

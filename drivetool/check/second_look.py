@@ -133,7 +133,7 @@ def _begin_with_gap(search: Search, beside: Ends, first: Round) -> None:
     added = [n for n in gap.task.free if n not in search.model.task.free]
     search.found.take(GAP, Decision(found, (GAP,), 0.0), added, max(found.gain, 0.0))
     search.trained, search.ends = found.trained, beside
-    search.left = remainder(gap)
+    search.left = remainder(gap, search.held)
     search.stand_on(gap)
 
 

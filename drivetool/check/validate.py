@@ -15,14 +15,15 @@ from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.compose import fit_percent, fit_words
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.estimate import Covariance, Exhibit
+from drivetool.identify.rounding import only_rounding
 from drivetool.logs.experiment import Experiment
 
 Model = tuple[str, Drive, Mapping[str, float]]
 
 
 def validate(experiments: Sequence[Experiment], models: Sequence[Model], options: ValidateOptions,
-             fitted_on: Sequence[Iterable[str]] = ()) -> Validation:
+             fitted_on: Sequence[Iterable[str]] = (), known: Sequence[Covariance | None] = ()) -> Validation:
     """Every model on every record: simulation, one-step prediction, what is left over.
 
     experiments  motor torque and any sensors; the start states of the free runs are fitted to
@@ -31,6 +32,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     models       (name, drive, noise of its file) each
     options      bars, length of the free runs, seed, what is known of the start
     fitted_on    per model, the sha256 of the recordings its fit has seen
+    known        per model, the covariance of its parameters, which says what its fit leaves open
     returns      Validation; one check per model, record and measured output
     raises       BadParameters: a model that cannot be simulated; BadRecording, BadOption: see replay
     source       fit: Ostring et al. 2003; residual against input: Ljung 1999, sec. 16.6, and
@@ -46,13 +48,19 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     limited: list[RecordCheck] = []
+    to_rounding: list[RecordCheck] = []
     exhibits: list[Exhibit] = []
-    for name, (_, drive, noise), hashes in zip(names, models, seen, strict=True):
+    for name, (_, drive, noise), hashes, spread in zip(
+            names, models, seen, known or [None] * len(models), strict=True):
         for file, experiment in zip(files, experiments, strict=True):
-            run = replay(experiment, drive, noise, options.segment, options.start)
-            found = [_correlation(run, m, experiment, drive, options.seed) for m in range(len(run.outputs))]
+            run = replay(experiment, drive, noise, options.segment, options.start, spread)
+            rounded = [only_rounding(run.measured[:, m], run.simulated[:, m], run.inputs)
+                       for m in range(len(run.outputs))]
+            found = [None if exact else _correlation(run, m, experiment, drive, options.seed)
+                     for m, exact in enumerate(rounded)]
             mine = [_check(name, file, experiment, run, m, c, options) for m, c in enumerate(found)]
             checks += mine
+            to_rounding += [check for check, exact in zip(mine, rounded, strict=True) if exact]
             findings += begun_otherwise(drive, run)
             findings += remarks.of_record(experiment, experiments, hashes, mine[0])
             findings += [] if options.segment else drift(experiment, drive, run, mine[0])
@@ -60,12 +68,12 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
             findings += note
             limited += mine[:1] if note else []
             for m, (check, correlation) in enumerate(zip(mine, found, strict=True)):
-                findings += remarks.of_check(check, correlation, options)
+                findings += remarks.of_check(check, correlation, options, check in to_rounding)
                 exhibits += _exhibits(experiment, run, m, check, correlation, options)
     findings += remarks.of_ranking(checks)
     unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
     return Validation(
-        tuple(checks), remarks.verdict(checks, options, any(unseen), limited), tuple(findings),
+        tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
         tuple((e.name, e.sha256) for e in experiments), {}, tuple(exhibits))
 
 

@@ -93,12 +93,13 @@ def run(job: Job, options: ValidateOptions) -> int:
     from drivetool.files.result_file import validation_file
 
     opened = open_all(job)
-    models = [(source.name, drive_for(job, opened, one), one.noise)
-              for source in opened.loaded.sources
-              for one in [replace(opened.loaded, sources=(source,))]]
+    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
+    models = [(one.sources[0].name, drive_for(job, opened, one), one.noise) for one in each]
+    known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     options = replace(options, start=start_of(job.start, models[0][1]))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
+    more |= {"known": known} if any(known) else {}
     try:
         validation = validate(opened.experiments, models, options, **more)
     except DriveToolError:

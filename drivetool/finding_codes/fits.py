@@ -59,6 +59,11 @@ CODES = {
         "that depends on the direction. Above -40 dB of the signal it is a warning.",
         "Look for direction-dependent friction or a gap loaded on one side; the linear model holds at this "
         "amplitude only."),
+    "explained-to-rounding": Code(
+        NOTE,
+        "A free run of the model differs from the record by no more than the digits of the record and of the "
+        "simulation make. No test of the residual is made.",
+        "Nothing: a simulated record has no noise."),
     "fitted-again": Code(
         NOTE,
         "The load is light compared with the motor, and linear parameters that are a few per cent off would bias "

@@ -18,6 +18,7 @@ from drivetool.identify.noise import normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
+from drivetool.identify.rounding import explains, rounding_alone
 from drivetool.identify.search import APART, CONFIRMED
 from drivetool.identify.setup import problem_of
 from drivetool.identify.start import contradicted_start
@@ -88,6 +89,10 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         **(fit or {}),
     }
     noise, noise_findings = noise_figures(outcome)
+    if explains(traces, runs):
+        role, unit = task.roles.outputs[0], _unit(task.roles.outputs[0], task.experiments[0])
+        noise_findings = [*(f for f in noise_findings if f.code != "innovations-correlated"),
+                          rounding_alone(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
     return Estimate(
         step, after, lines, how_it_ended(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),

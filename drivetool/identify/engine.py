@@ -11,7 +11,7 @@ import numpy as np
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.errors import BadOption
 from drivetool.identify.cooling import cooled, observers, sides
-from drivetool.identify.innovations import Fit, fit_innovations, settle
+from drivetool.identify.innovations import Fit, fit_innovations, settle, sought_everywhere
 from drivetool.identify.least_squares import Solution, approach, solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, natural_ratio, remembering
 from drivetool.identify.options import Options
@@ -210,7 +210,7 @@ def coloured(outcome: Outcome) -> Outcome:
         return outcome
     noise = remembering(problem, fit.point, fit.noise,
                         lambda n: minus_log_likelihood(filtered(problem, fit.point, n, keep=False)))
-    trial = fit_innovations(problem, fit.point, noise)
+    trial = sought_everywhere(problem, fit_innovations(problem, fit.point, noise))
     if trial.value > fit.value - COLOUR_GAIN:
         return outcome
     return replace(outcome, solution=trial.solution, fit=trial, converged=trial.converged)

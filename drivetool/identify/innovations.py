@@ -15,7 +15,7 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.least_squares import Solution, schur, solve
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
+from drivetool.identify.noise import Noise, filtered, fit_ratio, likelier_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
 
 WORSE = 5.0  # by which a later round may raise the -log likelihood: it serves the restricted one
@@ -94,7 +94,11 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
 
 
 def settle(problem: Problem, fit: Fit) -> Fit:
-    """Repeat the last round with a tight tolerance, so that two ways in end in the same digits."""
+    """Repeat the last round with a tight tolerance, so that two ways in end in the same digits.
+
+    Before that, the noise is sought everywhere once more.
+    """
+    fit = sought_everywhere(problem, fit)
     gains = [f.gains for f in filtered(problem, fit.point, fit.noise)]
     solution = solve(problem.with_memory(fit.noise.memory), with_state(fit.point, fit.noise),
                      gains, relative=1e-11)
@@ -104,6 +108,16 @@ def settle(problem: Problem, fit: Fit) -> Fit:
     if value > fit.value + WORSE:
         return fit
     return replace(fit, solution=solution, passes=tuple(passes), value=value)
+
+
+def sought_everywhere(problem: Problem, fit: Fit) -> Fit:
+    """The fit, or one from a noise ratio that is likelier: the last rounds looked near their own only."""
+    elsewhere = likelier_ratio(problem, fit.point, fit.noise)
+    if elsewhere is None:
+        return fit
+    further = fit_innovations(problem, fit.point, elsewhere, arrived=True)
+    # The plain likelihood may be worse by a little where the restricted one is better.
+    return further if further.value < fit.value + WORSE else fit
 
 
 def _solve(problem: Problem, point: Point, gains: Sequence[Gains], noise: Noise, rounds: int) -> Solution:

@@ -15,6 +15,9 @@ from drivetool.identify.problem import Normal, Point, Problem
 ENDLESS = 1e200  # error of a filter that ran away: its square is no number
 FAR = 1e30  # likelihood of what cannot be; finite, since parabolas subtract
 WIDEST, ODDS = 18.0, 16.0  # logarithms: of the ratio about the natural one, of other figures about one
+DECADES = np.linspace(-6.0, 2.0, 13)  # of the ratio about the natural one, over which it is looked for
+LIKELIER = 1.0  # log likelihood from which a ratio far off is worth another fit: intervals hardly move for less
+CLOSE = 2e-3  # of the logarithm of a ratio
 ENOUGH = 16_000  # samples that give a noise ratio to a few per cent
 
 
@@ -224,18 +227,41 @@ def fit_ratio(problem: Problem, point: Point, noise: Noise, around: float | None
     problem = excerpt(problem)
 
     def listen(figures: np.ndarray) -> Heard:
-        trial = noise.at(figures)
-        with np.errstate(over="ignore", invalid="ignore"):
-            passes = filtered(problem, point, trial, keep=settled)
-            value = (integrated(problem, point, trial, passes)[0] if settled else minus_log_likelihood(passes))
-        return heard(value if np.isfinite(value) else np.inf, passes)
+        return _listen(problem, point, noise.at(figures), settled)
 
     if noise.memory is None and around is None:
-        grid = middle + np.log(10.0) * np.linspace(-6.0, 2.0, 13)
+        grid = middle + np.log(10.0) * DECADES
         best = by_parabolas(lambda g: min(listen(np.array([g])).value, FAR), grid, 0 if quick else 4)
         return noise.at(np.array([best]))
     return noise.at(scored(listen, (noise if around is None else replace(noise, ratio=around)).figures,
                            *noise.bounds(middle))[0])
+
+
+def likelier_ratio(problem: Problem, point: Point, noise: Noise) -> Noise | None:
+    """The noise with a clearly likelier ratio far from its own, all else as it is; None where there is none.
+
+    The restricted likelihood of a ratio may have several peaks, and a search beside one sees that one alone.
+    """
+    middle = np.log(natural_ratio(problem, point))
+    problem = excerpt(problem)
+
+    def value(log: float) -> float:
+        return min(_listen(problem, point, replace(noise, ratio=float(np.exp(log))), settled=True).value, FAR)
+
+    least = value(np.log(noise.ratio)) - LIKELIER
+    grid = list(middle + np.log(10.0) * DECADES)
+    values = [value(log) for log in grid]
+    if not min(values) < least:
+        return None
+    return replace(noise, ratio=float(np.exp(_refined(value, grid, values, 4, CLOSE))))
+
+
+def _listen(problem: Problem, point: Point, noise: Noise, settled: bool) -> Heard:
+    """What a noise makes of the traces; by restricted likelihood where the point is settled."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        passes = filtered(problem, point, noise, keep=settled)
+        value = integrated(problem, point, noise, passes)[0] if settled else minus_log_likelihood(passes)
+    return heard(value if np.isfinite(value) else np.inf, passes)
 
 
 def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[Noise], float]) -> Noise:
@@ -248,7 +274,7 @@ def remembering(problem: Problem, point: Point, noise: Noise, value: Callable[[N
     return min((fit_ratio(problem, point, n) for n in begun), key=lambda n: value(n) + n.parameters)
 
 
-def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = 2e-3) -> float:
+def by_parabolas(value: Callable[[float], float], grid: np.ndarray, rounds: int = 4, close: float = CLOSE) -> float:
     """Minimum of a function of one variable: grid, then parabolas through the best three, until they are close."""
     return _refined(value, list(grid), [value(g) for g in grid], rounds, close)
 

@@ -1,0 +1,61 @@
+"""The torque noise of records held out, of which a fit has left none in its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.between_records import change_between
+from drivetool.check.diagnose import base_model
+from drivetool.check.heldout import Fold
+from drivetool.check.model import everything, judge, likeliest_noise, over
+from drivetool.check.remainder import remainder
+from drivetool.check.samples import fitted_samples, held_out, samples_of
+from drivetool.identify.engine import Task
+from drivetool.identify.setup import roles_of
+from tests.recover import drive_like, linear_record
+from tests.simulator.machine import machine_by_seed
+
+FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "motor.viscous", "load.idle_torque")
+
+
+@pytest.fixture(scope="module")
+def absorbed():
+    """(a base whose parameters have absorbed the torque noise of the first of two records, its fold of samples)."""
+    machine = machine_by_seed(4)
+    first, second = (linear_record(machine, seed, 6.0, 0.0015) for seed in (4, 1004))
+    drive = drive_like(machine, list(FREE))
+    task = Task(drive, FREE, roles_of([first], drive), (first, second))
+    samples = samples_of(task.problem().traces, [first], [second], drive)
+    base = base_model(task, fitted_samples(samples))
+    return replace(base, noise=replace(base.noise, ratio=1e-3)), samples
+
+
+def test_the_noise_of_a_record_held_out_is_found_on_it(absorbed):
+    base, _ = absorbed
+    machine = machine_by_seed(4)
+    held = over(base, [1])
+    found = likeliest_noise(held, everything(held.problem))
+    true = 0.0015 / 0.002 * 4.0 * sum(machine.inertia)  # std over the rated torque, over that of the sensor
+    assert found.noise.ratio == pytest.approx(true, rel=0.5)
+    assert found.value < judge(held.problem, held.point, held.noise, everything(held.problem)) - 25.0
+
+
+def test_a_right_drive_leaves_nothing_of_it(absorbed):
+    base, samples = absorbed
+    held = held_out(samples)
+    assert [bool(mask.any()) for mask in held] == [False, True]
+    assert remainder(base).total > 25.0 and remainder(base, held).total == 0.0
+
+
+def test_it_asks_for_no_other_values_of_a_right_drive(absorbed):
+    base, ((train, test, again),) = absorbed
+    assert change_between(base, [Fold(train, test, again, base, 0.0)]) is None
+
+
+def test_halves_of_records_hold_none_out(absorbed):
+    base, samples = absorbed
+    assert held_out([*samples, *samples]) == []
+    assert np.isfinite(remainder(base, []).total)
