@@ -15,7 +15,7 @@ from drivetool.identify.engine import by_simulation, coloured
 from drivetool.identify.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.foretold import with_laws
 from drivetool.identify.influence import influence_of
-from drivetool.identify.judge import LENGTH, Judge
+from drivetool.identify.judge import Judge, run_length
 from drivetool.identify.laws import Law, library
 from drivetool.identify.log_noise import likely_noise
 from drivetool.identify.motion import Motions, motions_of
@@ -108,7 +108,7 @@ def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; that of the drive stays as it was before."""
     start = best.task.at_point(best.solution.point)
     fitted = tuple(n for n in start.free if n != IDLE)
-    outcome = by_simulation(replace(start, free=fitted), LENGTH, [{}], near=True, lag=seen.lag,
+    outcome = by_simulation(replace(start, free=fitted), run_length(start), [{}], near=True, lag=seen.lag,
                             own=IDLE in start.free)
     _, influence = influence_of(best)
     _, influence[:, [start.free.index(n) for n in fitted]] = influence_of(outcome)

@@ -14,6 +14,12 @@ from drivetool.identify.setup import first_states
 from drivetool.identify.task import Task
 
 LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
+FEWEST = 20  # samples of a run: twice those that a stretch must have
+
+
+def run_length(task: Task) -> float:
+    """Length [s] of the free runs of a recording: a second, or more at a low sampling rate."""
+    return max(LENGTH, FEWEST * task.experiments[0].step)
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Judge:
         whole = task.problem(free=())
         point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
-        problem = task.problem(LENGTH, ()).with_constant_torque()
+        problem = task.problem(run_length(task), ()).with_constant_torque()
         starts, k, done = [], 0, 0
         wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
         for trace in problem.traces:
@@ -54,7 +60,7 @@ class Judge:
     def spread(self, task: Task) -> float:
         """Standard deviation of the speed, measured alike: the error of a constant."""
         is_angle = task.roles.outputs[0].endswith("angle")
-        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in task.problem(LENGTH, ()).traces]
+        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in task.problem(run_length(task), ()).traces]
         return float(np.nanstd(np.concatenate(speeds)))
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
