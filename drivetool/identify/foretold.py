@@ -56,7 +56,7 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
         places.append(np.arange(k, k + law.size))
         k += law.size
     now, largest, whole = _left_out(sums, base), 0.0, sums.sum(axis=0)
-    # Of its noise a drive feels less than all. More than all is the sensor's noise, which feedback put on the torque.
+    # A drive feels at most all of the noise. More than all is a sensor's, which feedback has put on the torque.
     possible = [i for i, law in enumerate(laws)
                 if law.name != UNFELT or -_solved(whole, np.concatenate([base, places[i]]))[-1] > 0.0]
     while len(chosen) < min(most, len(possible)):

@@ -60,7 +60,8 @@ class Judge:
     def spread(self, task: Task) -> float:
         """Standard deviation of the speed, measured alike: the error of a constant."""
         is_angle = task.roles.outputs[0].endswith("angle")
-        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in task.problem(run_length(task), ()).traces]
+        runs = task.traces(run_length(task))
+        speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in runs]
         return float(np.nanstd(np.concatenate(speeds)))
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Known torques: a further input that brakes a body with a factor, which is a parameter with exact sensitivities."""
+"""Known torques: a further input that brakes a body, with a factor that is a parameter of exact sensitivities."""
 
 from dataclasses import replace
 

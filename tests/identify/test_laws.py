@@ -77,10 +77,10 @@ def test_over_a_narrow_swing_it_has_what_it_is_there():
 
 def test_laws_are_functions_of_the_motion():
     s = swing()
-    found, top = laws_of(s), np.quantile(np.abs(s.mean_speed), 0.99)
+    found, width = laws_of(s), 0.1 * np.quantile(np.abs(s.mean_speed), 0.99)
     expected = {BACK: [np.abs(s.mean_speed)],
                 "friction grows with the square of the speed": [s.mean_speed * np.abs(s.mean_speed)],
-                "Stribeck friction below 0.1 of the top speed": [s.side * np.exp(-(s.mean_speed / (0.1 * top)) ** 2)],
+                "Stribeck friction below 0.1 of the top speed": [s.side * np.exp(-(s.mean_speed / width) ** 2)],
                 "the torque drifts": [np.linspace(-1.0, 1.0, 4000)],
                 "torque repeats 7 times a turn": [np.cos(7.0 * s.middle), np.sin(7.0 * s.middle)]}
     for name, columns in expected.items():
