@@ -50,11 +50,12 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Field:
-    """All candidates of a record by name, the laws that were found, and the judge."""
+    """All candidates of a record by name, the laws that were found, the judge, and the motion."""
 
     candidates: Mapping[str, Candidate]
     laws: tuple[Law, ...]
     judge: Judge
+    seen: Motions
 
 
 def explainable(white: Outcome) -> bool:
@@ -95,7 +96,7 @@ def candidates_of(task: Task, white: Outcome) -> Field:
     if linear:
         candidates["regression"] = _of_regression(regress(task, seen), task, (), line)
         candidates["regression, laws"] = _of_regression(regress(task, seen, laws), task, laws, line)
-    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise))
+    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), seen)
 
 
 def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:

@@ -18,7 +18,8 @@ from drivetool.identify.influence import SLACK, sandwich
 from drivetool.identify.innovations import Fit
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
-from drivetool.identify.results import Z95
+from drivetool.identify.own_parameters import within_bounds
+from drivetool.identify.results import ONE_SIDED, Z95, why_on_bound
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Outcome, Task
 
@@ -77,7 +78,7 @@ def explain(field: Field, task: Task) -> Explanation:
     c = field.candidates[name]
     noise, structure, covariance = spread(field, errors, name, measured)
     outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
-    own = replace(task, drive=task.drive).at(dict(zip(task.free, c.own, strict=True)))
+    own = task.at(dict(zip(task.free, within_bounds(task, c.own, field.seen), strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
     findings = _findings(field, name, laws, noise, structure, task)
     constant = field.judge.spread(task)
@@ -218,10 +219,16 @@ def told(lines: Sequence[Parameter], e: Explanation) -> tuple[tuple[Parameter, .
             continue
         j = own[p.name]
         value, std = float(e.own.drive.values[p.name]), float(np.sqrt(e.covariance[j, j]))
-        if p.status != "fitted":
+        low, high = e.own.drive.quantity(p.name).bounds
+        if p.status not in ("fitted", "at-bound") or (p.status == "at-bound" and value in (low, high)):
             found.append(replace(p, value=value))
             continue
-        low, high = e.own.drive.quantity(p.name).bounds
+        if value in (low, high):
+            far = ONE_SIDED * std
+            ci = (low, min(low + far, high)) if value == low else (max(high - far, low), high)
+            found.append(replace(p, value=value, std=None, ci95=ci, status="at-bound", reason=why_on_bound(value)))
+            continue
+        p = replace(p, status="fitted", reason="")
         ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
         found.append(replace(p, value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
                              std_structure=float(e.std_structure[j])))

@@ -55,7 +55,8 @@ class Judge:
         plants = problem.plants(solution.point.values, False)
         errors = [self._as_speed(plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0], trace.step, is_angle)
                   for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True)]
-        return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+        with np.errstate(over="ignore"):  # a drive of nonsense may run away
+            return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
     def spread(self, task: Task) -> float:
         """Standard deviation of the speed, measured alike: the error of a constant."""

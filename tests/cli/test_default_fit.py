@@ -1,4 +1,4 @@
-"""The default fit of one body at the command line: laws that the drive lacks, coast-downs, torques of another axis."""
+"""The default fit of one body at the command line: laws that the drive lacks, and records that tell ratios."""
 
 import numpy as np
 import pytest
@@ -69,10 +69,25 @@ def test_a_right_model_is_fitted_as_by_innovations(call, tmp_path):
         assert error(content, name, truth)[1]
 
 
+def test_friction_that_falls_over_the_speed_ends_on_the_bound_and_goes_on(call, tmp_path):
+    record = draw("stribeck", "L", 6, 306, 4.0)
+    content = drawn(call, tmp_path, record)
+    assert record.truth.line[0] < 0.0  # so the nearest straight line falls, and a drive has no such
+    line = content["parameters"]["motor.viscous"]
+    assert line["value"] == 0.0 and line["std"] is None and line["status"] == "at-bound"
+    assert line["ci95"][0] == 0.0 < line["ci95"][1] and "one-sided" in line["reason"]
+    level = content["parameters"]["motor.coulomb"]["value"]
+    assert level == pytest.approx(np.mean(record.truth.curve), rel=0.05)
+    log, model = tmp_path / "r.parquet", tmp_path / "o.yaml"
+    code, _, err = call("validate", log, "-p", model, "--out", tmp_path / "v.yaml")
+    assert code in (0, 3), err  # takes the file, whatever it says of it
+
+
 def coast():
     """(n,) speed of a body that loses it to viscous friction, in closed form, as measured."""
     speed = 80.0 * np.exp(-0.005 / 0.02 * STEP * np.arange(4000))
-    return {"motor_torque": np.zeros(4000), "motor_speed": speed + 0.05 * np.random.default_rng(1).normal(size=4000)}
+    noise = 0.05 * np.random.default_rng(1).standard_normal(4000)
+    return {"motor_torque": np.zeros(4000), "motor_speed": speed + noise}
 
 
 COAST = ("--set", "motor.inertia=0.03", "--set", "motor.viscous=0.004")
@@ -90,7 +105,8 @@ def test_a_coast_down_tells_ratios_only(call, tmp_path):
 
 
 def test_a_coast_down_with_a_known_friction_tells_the_inertia(call, tmp_path):
-    content = fitted(call, tmp_path, coast(), STEP, *COAST, "--set", "motor.viscous=0.005", "--hold", "motor.viscous")
+    content = fitted(call, tmp_path, coast(), STEP, *COAST, "--set", "motor.viscous=0.005", "--hold",
+                     "motor.viscous")
     off, holds = error(content, "motor.inertia", 0.02)
     assert holds and off < 1e-3
     assert content["parameters"]["motor.inertia"]["status"] == "fitted"

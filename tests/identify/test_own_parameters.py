@@ -5,7 +5,7 @@ import pytest
 
 from drivetool.identify.laws import Law, library
 from drivetool.identify.motion import motions_of
-from drivetool.identify.own_parameters import STANDSTILL, nearest_line
+from drivetool.identify.own_parameters import STANDSTILL, nearest_line, within_bounds
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()
@@ -76,3 +76,15 @@ def test_with_one_direction_the_idle_torque_is_the_level_of_friction():
     slope, level = np.polyfit(speed, FACTOR * speed**2 / 900.0, 1)
     assert found["motor.viscous"] == pytest.approx(TRUTH["motor.viscous"] + slope)
     assert found["motor.idle_torque"] == pytest.approx(TRUTH["motor.idle_torque"] + level)
+
+
+def test_of_friction_that_falls_over_the_speed_the_nearest_level_is_left():
+    task, m = task_of(record(S)), SEEN.each[0]
+    found = within_bounds(task, np.array([0.02, -0.01, 0.4, 0.1]), SEEN)
+    moving = np.abs(m.speed) > STANDSTILL * SEEN.top
+    nearest = np.mean(0.4 - 0.01 * np.abs(m.speed[moving]))  # the constant of least squares
+    assert found == pytest.approx([0.02, 0.0, nearest, 0.1], rel=1e-2)
+    assert within_bounds(task, np.array([0.02, 0.05, 0.4, -3.0]), SEEN) == pytest.approx([0.02, 0.05, 0.4, -3.0])
+    low = task.drive.quantity("motor.inertia").bounds[0]
+    found = within_bounds(task, np.array([-1.0, 0.05, -0.4, 0.1]), SEEN)
+    assert found == pytest.approx([low, 0.05, 0.0, 0.1])
