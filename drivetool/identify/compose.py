@@ -78,7 +78,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
     if explanation is not None and explanation.worthless:
-        lines, covariance = without_intervals(lines, "the drive explains less than a constant does"), None
+        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])

@@ -31,6 +31,9 @@ MEASURED = ("regression, laws", "regression")  # what noise of the logged torque
 KEPT = 1.2  # over the least error of free runs, up to which the more efficient fit is kept
 REFUTED = 1.5  # over that of the fit to free runs, from which that one is taken
 CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disagree
+# Of the error of straight lines, from which the logged torque explains nothing. On simulated records it is 0.9 and
+# more for most torques of another axis, and below 0.4 for those of the drive, whatever law that lacks.
+NOTHING = 0.75
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 LEFT = {"coloured": "what is left is taken as torque noise with a memory",
         "white": "what is left is taken as white torque noise",
@@ -52,7 +55,7 @@ class Explanation:
     laws           that were found
     figures        fit of free runs of a second [%]: of the drive alone, and with the laws
     findings       what follows for the drive
-    worthless      whether a constant speed explains the record better
+    worthless      whether the logged torque explains nothing
     """
 
     sentence: str
@@ -85,19 +88,20 @@ def explain(field: Field, task: Task) -> Explanation:
     figures = {"free_run_fit_percent": 100.0 * (1.0 - field.judge.error(own) / constant)}
     if laws:
         figures["free_run_fit_percent_with_laws"] = 100.0 * (1.0 - errors[name] / constant)
-    worthless = not errors[name] < constant
+    straight = field.judge.straight(task)
+    worthless = not errors[name] < constant or errors[name] > NOTHING * straight > 0.0
     if worthless:
-        findings = (*findings, _nothing(errors[name], constant))
+        findings = (*findings, _nothing(errors[name], straight))
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, laws, figures, findings, worthless)
 
 
-def _nothing(error: float, constant: float) -> Finding:
+def _nothing(error: float, straight: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        "Free runs of a second explain less of the speed than a constant does, whatever was fitted: this drive is "
-        "not that machine, or torque and motion are not of one axis.",
-        {"error": error, "error of a constant": constant},
+        "The logged torque explains nothing, whatever was fitted: free runs of a second err as much as straight "
+        "lines of the speed do. This drive is not that machine, or torque and motion are not of one axis.",
+        {"error": error, "error of straight lines": straight},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.least_squares import solve
-from drivetool.identify.motion import Smoothing
+from drivetool.identify.motion import SURE, Smoothing
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states
@@ -64,6 +64,20 @@ class Judge:
         runs = task.traces(run_length(task))
         speeds = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in runs]
         return float(np.nanstd(np.concatenate(speeds)))
+
+    def straight(self, task: Task) -> float:
+        """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
+        wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
+        errors, noise = [], []
+        for trace in task.traces(run_length(task)):
+            y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
+            known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
+            share = np.linalg.lstsq(line[known], y[known], rcond=None)[0]
+            errors.append(self._as_speed(y - line @ share, trace.step, is_angle))
+            noise.append(np.diff(y, 3) / np.sqrt(20.0))  # what is white is left of third differences
+        found, white = (float(np.sqrt(np.nanmean(np.concatenate(each) ** 2))) for each in (errors, noise))
+        least = white * (np.sqrt(2.0) / (wide * trace.step) if is_angle else 1.0 / np.sqrt(wide))
+        return found if found > SURE * least else 0.0
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
         wide = self.smoothing.window

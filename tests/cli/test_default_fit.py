@@ -1,5 +1,7 @@
 """The default fit of one body at the command line: laws that the drive lacks, and records that tell ratios."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -81,6 +83,20 @@ def test_friction_that_falls_over_the_speed_ends_on_the_bound_and_goes_on(call, 
     log, model = tmp_path / "r.parquet", tmp_path / "o.yaml"
     code, _, err = call("validate", log, "-p", model, "--out", tmp_path / "v.yaml")
     assert code in (0, 3), err  # takes the file, whatever it says of it
+
+
+@pytest.mark.parametrize("number, seed", [(0, 200), (4, 204)])
+def test_a_torque_of_another_axis_explains_nothing(call, tmp_path, number, seed):
+    record, other = draw("white", "", number, seed, 4.0), draw("white", "", (number + 3) % 8, seed + 40, 4.0)
+    size = np.std(record.torque) / np.std(other.torque)
+    wrong = replace(record, torque=size * np.resize(other.torque, len(record.torque)))
+    content = drawn(call, tmp_path, wrong, fails=3)
+    found = next(f for f in content["findings"] if f["code"] == "explains-nothing")
+    assert found["severity"] == "failure" and "not of one axis" in found["text"]
+    for name in NAMES:
+        line = content["parameters"][name]
+        assert line["std"] is None and line["ci95"] is None
+    assert "explains-nothing" not in {f["code"] for f in drawn(call, tmp_path, record)["findings"]}
 
 
 def coast():

@@ -55,6 +55,25 @@ def test_an_error_of_the_angle_counts_as_its_speed():
     assert angle == pytest.approx(speed, rel=0.5)
 
 
+def test_straight_lines_err_by_what_a_motion_bends():
+    n, step = 4000, 1e-3
+    bent = swing(n, step, parts=((1.0 / np.pi, 0.5, 0.0),))  # the speed is cos(pi t): half a period in each run
+    made = record(bent, step=step)
+    judge = Judge(smoothing_of([made], "motor_speed"), Noise(1.0, None, np.ones(1)))
+    t = (np.arange(1000) + 0.5) / 1000.0
+    left = np.cos(np.pi * t) - np.polyval(np.polyfit(t, np.cos(np.pi * t), 1), t)
+    assert judge.straight(task_of(made)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
+
+
+@ROLES
+def test_straight_lines_of_a_noisy_record_say_nothing(role):
+    straight = swing(parts=((100.0, 0.004, 0.3),))
+    noise = (1.0 if role == "motor_speed" else 0.01) * np.random.default_rng(1).standard_normal(4000)
+    for made, says in ((record(S, role), True), (record(straight, role, noise=noise), False)):
+        judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+        assert (judge.straight(task_of(made)) > 0.0) == says
+
+
 def test_noise_above_the_cut_off_hardly_counts():
     noise = 0.2 * np.random.default_rng(1).standard_normal(4000)
     error, _ = judged(record(S, noise=noise), "motor_speed")
