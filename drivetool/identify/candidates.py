@@ -37,6 +37,7 @@ class Candidate:
     covariance  (k, k) by the information matrix; None: the fit has none
     outcome     of the fit; None of a regression
     factors     (m,) of its laws; factor_influence: (BLOCKS, m) the blocks' shares of their error
+    line        (k, k + m) from all fitted values to the drive's own
     """
 
     task: Task
@@ -46,6 +47,7 @@ class Candidate:
     outcome: Outcome | None
     factors: np.ndarray
     factor_influence: np.ndarray
+    line: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -128,4 +130,4 @@ def _candidate(task: Task, values: np.ndarray, influence: np.ndarray, covariance
     k = len(line)
     to = line[:, :len(values)]  # without laws it is one to one
     return Candidate(task, to @ values, influence @ to.T, None if covariance is None else to @ covariance @ to.T,
-                     outcome, values[k:], influence[:, k:])
+                     outcome, values[k:], influence[:, k:], to)

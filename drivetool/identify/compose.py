@@ -65,7 +65,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
     own, figures = task.at_point(solution.point), {}
     if explanation is not None:
-        lines, covariance = told(lines, explanation)
+        lines, covariance = told(lines, explanation, extra)
         figures = dict(explanation.figures)
         if explanation.laws:
             figures["simulation_fit_percent_with_laws"] = simulated_percent(own, outcome.fit.noise)

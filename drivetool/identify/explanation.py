@@ -32,8 +32,8 @@ KEPT = 1.2  # over the least error of free runs, up to which the more efficient 
 REFUTED = 1.5  # over that of the fit to free runs, from which that one is taken
 CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disagree
 # Of the error of straight lines, from which the logged torque explains nothing. On simulated records it is 0.9 and
-# more for most torques of another axis, and below 0.4 for those of the drive, whatever law that lacks.
-NOTHING = 0.75
+# more for most torques of another axis, and up to 0.7 for those of a drive under load steps, the worst of all laws.
+NOTHING = 0.85
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 LEFT = {"coloured": "what is left is taken as torque noise with a memory",
         "white": "what is left is taken as white torque noise",
@@ -52,6 +52,7 @@ class Explanation:
     own            the drive alone, at its own parameters
     std_noise      (k,) standard deviations by noise; std_structure: (k,) by what the explanations disagree in
     covariance     (k, k) of both together
+    line           (k, n) from all that the outcome fits to the drive's own parameters
     laws           that were found
     figures        fit of free runs of a second [%]: of the drive alone, and with the laws
     findings       what follows for the drive
@@ -64,6 +65,7 @@ class Explanation:
     std_noise: np.ndarray
     std_structure: np.ndarray
     covariance: np.ndarray
+    line: np.ndarray
     laws: tuple[FoundLaw, ...]
     figures: Mapping[str, float]
     findings: tuple[Finding, ...]
@@ -93,7 +95,8 @@ def explain(field: Field, task: Task) -> Explanation:
     if worthless:
         findings = (*findings, _nothing(errors[name], straight))
     sentence = _sentence(field, errors, name, laws, measured)
-    return Explanation(sentence, outcome, own, noise, structure, covariance, laws, figures, findings, worthless)
+    return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
+                       worthless)
 
 
 def _nothing(error: float, straight: float) -> Finding:
@@ -213,8 +216,15 @@ def _value(field: Field, name: str) -> float:
     return np.inf if outcome is None or outcome.fit is None else outcome.fit.value
 
 
-def told(lines: Sequence[Parameter], e: Explanation) -> tuple[tuple[Parameter, ...], Covariance | None]:
-    """The lines of the drive alone, with its own values and both parts of their uncertainty."""
+def told(lines: Sequence[Parameter], e: Explanation,
+         extra: np.ndarray | None = None) -> tuple[tuple[Parameter, ...], Covariance | None]:
+    """The lines of the drive alone, with its own values and both parts of their uncertainty.
+
+    extra  (n, n) covariance of the outcome's values that comes from held values and from doubt about the noise
+    """
+    if extra is not None:
+        more = e.line @ extra @ e.line.T
+        e = replace(e, std_noise=np.sqrt(e.std_noise**2 + np.diag(more)), covariance=e.covariance + more)
     own, found, kept = dict(zip(e.own.free, range(len(e.own.free)), strict=True)), [], []
     for p in lines:
         if p.name not in own:

@@ -62,7 +62,7 @@ def test_a_drive_that_cannot_be_regressed_has_fewer_candidates():
 def candidate(values, seed=1, std=0.01, covariance=0.01):
     influence = std / 4.0 * np.random.default_rng(seed).standard_normal((BLOCKS, 2))
     return Candidate(None, np.array(values), influence, covariance**2 * np.eye(2), None, np.empty(0),
-                     np.empty((BLOCKS, 0)))
+                     np.empty((BLOCKS, 0)), np.eye(2))
 
 
 def field(**off):
