@@ -141,9 +141,13 @@ CODES = {
         "Use the other lines only; excite more, or use longer frames for sharp resonances."),
     "model-error": Code(
         WARNING,
-        "Fitted for simulation, the drive reproduces the held-out end of the record clearly better than fitted "
-        "for one-step prediction. The noise model hides a structural error of the drive model.",
-        "Run `diagnose`; the intervals are conditional on the structure."),
+        "The drive model has a structural error, which a noise model would hide. Of one body, a law that the "
+        "motion foretells carries more than 1 % of the torque, and the text names it. Or free runs reject the "
+        "likeliest noise model, or credible explanations of the record disagree by more than their noise. Of other "
+        "drives, a fit for simulation reproduces the held-out end of the record clearly better than a fit for "
+        "one-step prediction.",
+        "Run `diagnose`. The intervals of one body include the disagreement as `std_structure`; all others are "
+        "conditional on the structure."),
     "negative-coulomb": Code(
         NOTE_OR_WARNING,
         "The Coulomb friction of the steady line is negative, which is not physical, and is set to zero. More "
@@ -177,7 +181,8 @@ CODES = {
     "not-identifiable": Code(
         NOTE_OR_WARNING,
         "The record does not determine a parameter: it has no effect on the outputs, or only a combination with "
-        "other parameters has. It gets no interval.",
+        "other parameters has. It gets no interval. Where no torque of known size acts, as in a coast-down, "
+        "only the ratios of inertias, stiffnesses and frictions are determined.",
         "Do the stated experiment, or hold the parameter with `--hold`."),
     "not-settled": Code(
         WARNING,

@@ -15,7 +15,7 @@ from drivetool.identify.engine import by_simulation, coloured
 from drivetool.identify.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.foretold import with_laws
 from drivetool.identify.influence import influence_of
-from drivetool.identify.judge import LENGTH, Judge
+from drivetool.identify.judge import Judge, run_length
 from drivetool.identify.laws import Law, library
 from drivetool.identify.log_noise import likely_noise
 from drivetool.identify.motion import Motions, motions_of
@@ -24,7 +24,6 @@ from drivetool.identify.regression import Regression, regress, regressable
 from drivetool.identify.task import Outcome, Task
 
 FEWEST = 200  # measured values in a row: sixteen blocks of a dozen
-TRAINED = 0.7  # share of each record, the rest of which is held out
 IDLE = "motor.idle_torque"
 
 
@@ -38,6 +37,7 @@ class Candidate:
     covariance  (k, k) by the information matrix; None: the fit has none
     outcome     of the fit; None of a regression
     factors     (m,) of its laws; factor_influence: (BLOCKS, m) the blocks' shares of their error
+    line        (k, k + m) from all fitted values to the drive's own
     """
 
     task: Task
@@ -47,15 +47,17 @@ class Candidate:
     outcome: Outcome | None
     factors: np.ndarray
     factor_influence: np.ndarray
+    line: np.ndarray
 
 
 @dataclass(frozen=True)
 class Field:
-    """All candidates of a record by name, the laws that were found, and the judge."""
+    """All candidates of a record by name, the laws that were found, the judge, and the motion."""
 
     candidates: Mapping[str, Candidate]
     laws: tuple[Law, ...]
     judge: Judge
+    seen: Motions
 
 
 def explainable(white: Outcome) -> bool:
@@ -96,24 +98,7 @@ def candidates_of(task: Task, white: Outcome) -> Field:
     if linear:
         candidates["regression"] = _of_regression(regress(task, seen), task, (), line)
         candidates["regression, laws"] = _of_regression(regress(task, seen, laws), task, laws, line)
-    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise))
-
-
-def held_out_percent(field: Field, task: Task) -> float:
-    """Fit of free runs to the speed of the last part of each record, by a regression with the laws of the first.
-
-    task  without laws; NaN if there is no regression of it
-    """
-    if not regressable(task):
-        return float("nan")
-    train = tuple(e.between(0.0, TRAINED * e.size * e.step) for e in task.experiments)
-    first = replace(task, experiments=train)
-    laws = [replace(law, columns=tuple(c[:e.size] for c, e in zip(law.columns, train, strict=True)))
-            for law in field.laws]
-    found = regress(first, motions_of(train, task.roles.outputs[0]), laws)
-    whole = with_laws(task, field.laws).at(dict(zip(found.names, found.values, strict=True)))
-    rest = tuple(e.between(TRAINED * e.size * e.step, e.size * e.step) for e in whole.experiments)
-    return field.judge.fit_percent(replace(whole, experiments=rest, start={}))
+    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), seen)
 
 
 def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
@@ -126,7 +111,7 @@ def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; that of the drive stays as it was before."""
     start = best.task.at_point(best.solution.point)
     fitted = tuple(n for n in start.free if n != IDLE)
-    outcome = by_simulation(replace(start, free=fitted), LENGTH, [{}], near=True, lag=seen.lag,
+    outcome = by_simulation(replace(start, free=fitted), run_length(start), [{}], near=True, lag=seen.lag,
                             own=IDLE in start.free)
     _, influence = influence_of(best)
     _, influence[:, [start.free.index(n) for n in fitted]] = influence_of(outcome)
@@ -145,4 +130,4 @@ def _candidate(task: Task, values: np.ndarray, influence: np.ndarray, covariance
     k = len(line)
     to = line[:, :len(values)]  # without laws it is one to one
     return Candidate(task, to @ values, influence @ to.T, None if covariance is None else to @ covariance @ to.T,
-                     outcome, values[k:], influence[:, k:])
+                     outcome, values[k:], influence[:, k:], to)

@@ -65,7 +65,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
     own, figures = task.at_point(solution.point), {}
     if explanation is not None:
-        lines, covariance = told(lines, explanation)
+        lines, covariance = told(lines, explanation, extra)
         figures = explanation.figures
         own = explanation.own
         after = own.drive
@@ -76,7 +76,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     if unsettled(outcome):
         lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
     if explanation is not None and explanation.worthless:
-        lines, covariance = without_intervals(lines, "the drive explains less than a constant does"), None
+        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.laws import Law
+from drivetool.identify.laws import UNFELT, Law
 from drivetool.identify.noise import Noise, filtered, with_state
 from drivetool.identify.problem import Point
 from drivetool.identify.task import Task
@@ -55,10 +55,13 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
     for law in laws:
         places.append(np.arange(k, k + law.size))
         k += law.size
-    now, largest = _left_out(sums, base), 0.0
-    while len(chosen) < min(most, len(laws)):
+    now, largest, whole = _left_out(sums, base), 0.0, sums.sum(axis=0)
+    # A drive feels at most all of the noise. More than all is a sensor's, which feedback has put on the torque.
+    possible = [i for i, law in enumerate(laws)
+                if law.name != UNFELT or -_solved(whole, np.concatenate([base, places[i]]))[-1] > 0.0]
+    while len(chosen) < min(most, len(possible)):
         left = {i: _left_out(sums, np.concatenate([base, *(places[j] for j in chosen), places[i]]))
-                for i in range(len(laws)) if i not in chosen}
+                for i in possible if i not in chosen}
         best = min(left, key=left.__getitem__)
         gain = 0.5 * count * np.log(now / left[best])
         if gain < max(GAIN, SHADOW * largest):
@@ -67,7 +70,7 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
         chosen.append(best)
         now = left[best]
     columns = np.concatenate([base, *(places[j] for j in chosen)])
-    return [laws[i] for i in chosen], -_solved(sums.sum(axis=0), columns)[len(base):]
+    return [laws[i] for i in chosen], -_solved(whole, columns)[len(base):]
 
 
 def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.ndarray:

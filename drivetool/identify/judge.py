@@ -8,13 +8,19 @@ import numpy as np
 
 from drivetool.identify.engine import free_run
 from drivetool.identify.least_squares import solve
-from drivetool.identify.motion import Smoothing
+from drivetool.identify.motion import SURE, Smoothing
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states
 from drivetool.identify.task import Task
 
 LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
+FEWEST = 20  # samples of a run: twice those that a stretch must have
+
+
+def run_length(task: Task) -> float:
+    """Length [s] of the free runs of a recording: a second, or more at a low sampling rate."""
+    return max(LENGTH, FEWEST * task.experiments[0].step)
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class Judge:
         whole = task.problem(free=())
         point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
-        problem = task.problem(LENGTH, ()).with_constant_torque()
+        problem = task.problem(run_length(task), ()).with_constant_torque()
         starts, k, done = [], 0, 0
         wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
         for trace in problem.traces:
@@ -50,7 +56,8 @@ class Judge:
         plants = problem.plants(solution.point.values, False)
         errors = [self._as_speed(plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0], trace.step, is_angle)
                   for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True)]
-        return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+        with np.errstate(over="ignore"):  # a drive of nonsense may run away
+            return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
     def fit_percent(self, task: Task) -> float:
         """100 (1 - error over that of a constant) of free runs over whole stretches, both as a speed."""
@@ -63,6 +70,20 @@ class Judge:
         spread = np.nanstd(np.concatenate(measured))
         error = np.sqrt(np.nanmean(np.concatenate(errors) ** 2))
         return float(100.0 * (1.0 - error / spread)) if spread > 0.0 else float("nan")
+
+    def straight(self, task: Task) -> float:
+        """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
+        wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
+        errors, noise = [], []
+        for trace in task.traces(run_length(task)):
+            y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
+            known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
+            share = np.linalg.lstsq(line[known], y[known], rcond=None)[0]
+            errors.append(self._as_speed(y - line @ share, trace.step, is_angle))
+            noise.append(np.diff(y, 3) / np.sqrt(20.0))  # what is white is left of third differences
+        found, white = (float(np.sqrt(np.nanmean(np.concatenate(each) ** 2))) for each in (errors, noise))
+        least = white * (np.sqrt(2.0) / (wide * trace.step) if is_angle else 1.0 / np.sqrt(wide))
+        return found if found > SURE * least else 0.0
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
         wide = self.smoothing.window

@@ -22,12 +22,8 @@ def nearest_line(task: Task, laws: Sequence[Law], seen: Motions) -> np.ndarray:
     """
     free, width = list(task.free), sum(law.size for law in laws)
     found = np.hstack([np.eye(len(free)), np.zeros((len(free), width))])
-    speed, side = seen.all("speed"), seen.all("side")
-    moving = np.isfinite(speed) & (np.abs(speed) > STANDSTILL * seen.top)
-    columns = {"motor.viscous": speed, "motor.coulomb": side, "motor.idle_torque": np.ones(len(speed))}
-    # With one direction of motion only, Coulomb friction is not free, and is in the idle torque.
-    friction = ("motor.viscous", "motor.coulomb" if "motor.coulomb" in free else "motor.idle_torque")
-    parts = {"friction": friction, "idle torque": ("motor.idle_torque",)}
+    columns, moving = _columns(seen)
+    parts = {"friction": ("motor.viscous", _level(free)), "idle torque": ("motor.idle_torque",)}
     place = len(free)
     for law in laws:
         names = [n for n in parts.get(law.of, ()) if n in free]
@@ -39,3 +35,28 @@ def nearest_line(task: Task, laws: Sequence[Law], seen: Motions) -> np.ndarray:
             found[[free.index(n) for n in names], place:place + law.size] = share
         place += law.size
     return found
+
+
+def within_bounds(task: Task, own: np.ndarray, seen: Motions) -> np.ndarray:
+    """(k,) own parameters inside their bounds: of friction that falls over the speed, the nearest level is left."""
+    free, found = list(task.free), own.copy()
+    bounds = np.array([task.drive.quantity(n).bounds for n in free])
+    level = _level(free)
+    if "motor.viscous" in free and level in free and found[free.index("motor.viscous")] < 0.0:
+        columns, moving = _columns(seen)
+        flat, speed = columns[level][moving], columns["motor.viscous"][moving]
+        found[free.index(level)] += found[free.index("motor.viscous")] * (flat @ speed) / (flat @ flat)
+    return np.clip(found, bounds[:, 0], bounds[:, 1])
+
+
+def _level(free: Sequence[str]) -> str:
+    """What holds the level of friction: the idle torque where only one direction was recorded."""
+    return "motor.coulomb" if "motor.coulomb" in free else "motor.idle_torque"
+
+
+def _columns(seen: Motions) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """(what each parameter multiplies, (n,) where the body moves)."""
+    speed = seen.all("speed")
+    moving = np.isfinite(speed) & (np.abs(speed) > STANDSTILL * seen.top)
+    columns = {"motor.viscous": speed, "motor.coulomb": seen.all("side"), "motor.idle_torque": np.ones(len(speed))}
+    return columns, moving

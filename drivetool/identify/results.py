@@ -18,6 +18,7 @@ COLLINEAR = 1e4
 # and the bound says nothing about the parameter.
 WEAK = 2.0
 Z95 = 1.959963984540054
+ONE_SIDED = 1.645  # standard deviations below which a normal variable is in 95 %
 
 
 def covariance_of(problem: Problem, solution: Solution) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -93,7 +94,7 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
             limit = (float(low), float(min(low + upper, high))) if value <= low else (
                 float(max(high - upper, low)), float(high))
             lines[name] = Parameter(*common, None, limit, "at-bound",
-                                    f"the best value lies on the bound {value:g}; the interval is one-sided")
+                                    why_on_bound(value))
         elif not known:
             partners = partners_of(covariance, problem.names, j) if np.isfinite(inflation[j]) else [
                 n for i, n in enumerate(problem.names) if i != j and free[i] and not np.isfinite(inflation[i])]
@@ -113,6 +114,11 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     matrix = covariance[np.ix_(kept, kept)]
     shared = Covariance(tuple(problem.names[j] for j in kept), matrix) if kept else None
     return tuple(lines[n] for n in order), shared, tuple(findings)
+
+
+def why_on_bound(value: float) -> str:
+    """Why a value has no interval to both sides."""
+    return f"the best value lies on the bound {value:g}; the interval is one-sided"
 
 
 def _from_bounds(problem: Problem, solution: Solution, free: np.ndarray) -> np.ndarray:
@@ -144,7 +150,7 @@ def _beyond_bound(problem: Problem, solution: Solution, j: int) -> float:
     std = np.sqrt(variance * max(np.linalg.pinv(matrix, rcond=1e-13, hermitian=True)[j, j], 0.0))
     # The slope pushes against the bound: the likelihood falls as exp(-s x - x^2 / (2 std^2)).
     push = _push(problem, solution)[j]
-    return float(std * (np.sqrt(push**2 + 1.645**2) - push)) if std > 0.0 else 0.0
+    return float(std * (np.sqrt(push**2 + ONE_SIDED**2) - push)) if std > 0.0 else 0.0
 
 
 def told(value: float, std: float, inflation: float, drive: Drive, name: str) -> bool:

@@ -1,0 +1,142 @@
+"""Which explanation is chosen, and what the others add to the interval."""
+
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from drivetool.identify import explanation
+from drivetool.identify.candidates import Candidate, Field
+from drivetool.identify.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
+from drivetool.identify.influence import sandwich
+from drivetool.identify.judge import Judge
+from drivetool.identify.motion import Smoothing
+from drivetool.identify.noise import Noise
+from drivetool.identify.regression import BLOCKS
+from drivetool.identify.results import Z95
+
+ALL = {"coloured, laws": 1.0, "white, laws": 1.0, "regression, laws": 1.0, "coloured": 1.0, "white": 1.0,
+       "regression": 1.0, "free runs, laws": 1.0}
+
+
+def errors(**others):
+    """All err alike but for some, named by their first letters: cl is 'coloured, laws'."""
+    names = {"cl": "coloured, laws", "wl": "white, laws", "rl": "regression, laws", "c": "coloured", "w": "white",
+             "r": "regression", "f": "free runs, laws"}
+    return ALL | {names[k]: v for k, v in others.items()}
+
+
+@pytest.mark.parametrize("table, name", [
+    ({}, "coloured, laws"),  # the most efficient where all err alike
+    ({"cl": 1.19}, "coloured, laws"), ({"cl": 1.21}, "white, laws"),
+    ({"cl": 2.0, "wl": 1.21}, "regression, laws"),
+    ({"cl": 2.0, "wl": 1.9, "rl": 1.8, "c": 1.3, "w": 1.1}, "regression"),  # the best of all, without laws too
+    ({"cl": 2.0, "wl": 1.9, "rl": 1.8, "r": 1.3, "w": 1.1}, "coloured"),
+    ({"f": 0.68}, "coloured, laws"), ({"f": 0.65}, "free runs, laws"),
+    ({"f": 0.1}, "free runs, laws"), ({"f": 5.0}, "coloured, laws")])
+def test_the_choice_follows_the_free_runs(table, name):
+    assert chosen(errors(**table)) == name
+
+
+def test_the_thresholds_are_where_they_are_said_to_be():
+    # Twice or half of either would turn one of these over.
+    assert chosen(errors(cl=0.99 * KEPT)) == "coloured, laws" and chosen(errors(cl=1.01 * KEPT)) == "white, laws"
+    assert (KEPT, REFUTED, CREDIBLE) == (1.2, 1.5, 2.0)
+    assert chosen(errors(cl=1.01, f=1.02 / REFUTED)) == "coloured, laws"
+    assert chosen(errors(cl=1.01, f=0.99 / REFUTED)) == "free runs, laws"
+
+
+@pytest.mark.parametrize("table, name", [
+    ({}, "regression, laws"), ({"rl": 1.21}, "regression"), ({"rl": 1.19, "cl": 0.2}, "regression, laws"),
+    ({"rl": 1.6, "r": 1.3, "f": 0.9}, "regression"), ({"f": 0.6}, "free runs, laws")])
+def test_a_measured_torque_keeps_to_the_regression(table, name):
+    assert chosen(errors(**table), measured=True) == name
+
+
+def test_a_drive_that_cannot_be_regressed_has_fewer_candidates():
+    table = {n: e for n, e in errors(cl=1.3).items() if not n.startswith("regression")}
+    assert chosen(table) == "white, laws"
+
+
+def candidate(values, seed=1, std=0.01, covariance=0.01):
+    influence = std / 4.0 * np.random.default_rng(seed).standard_normal((BLOCKS, 2))
+    return Candidate(None, np.array(values), influence, covariance**2 * np.eye(2), None, np.empty(0),
+                     np.empty((BLOCKS, 0)), np.eye(2))
+
+
+def field(**off):
+    """All agree but for some: first letters -> values."""
+    names = {"cl": "coloured, laws", "wl": "white, laws", "rl": "regression, laws", "f": "free runs, laws"}
+    one = candidate([1.0, 2.0])
+    candidates = dict.fromkeys(ALL, one) | {names[k]: candidate(v) for k, v in off.items()}
+    return Field(MappingProxyType(candidates), (), Judge(Smoothing(0.2, 0.0), Noise(1.0, None, np.ones(1))), None)
+
+
+def test_there_is_no_structure_where_all_agree():
+    noise, structure, covariance = spread(field(), errors(), "coloured, laws")
+    assert structure == pytest.approx([0.0, 0.0])
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(noise)
+
+
+@pytest.mark.parametrize("other", ["wl", "rl", "f"])
+def test_structure_is_twice_the_disagreement_of_a_referee(other):
+    for off in (0.1, 0.3):
+        _, structure, _ = spread(field(**{other: [1.0 - off, 2.0]}), errors(), "coloured, laws")
+        # The same noise in both: none in the difference, all of which counts as a half-width and as much again.
+        assert structure == pytest.approx([2.0 * off / Z95, 0.0], rel=1e-9)
+    assert DOUBLED == 2.0
+
+
+def test_the_noise_of_the_difference_does_not_count():
+    one, other = candidate([1.0, 2.0], 1), candidate([1.05, 2.002], 2)
+    f = field()
+    f = replace(f, candidates={**f.candidates, "coloured, laws": one, "white, laws": other,
+                               "regression, laws": one, "free runs, laws": one})
+    _, structure, _ = spread(f, errors(), "coloured, laws")
+    one_std = np.std(one.influence - other.influence, axis=0, ddof=1) * np.sqrt(BLOCKS)
+    assert one_std[0] < 0.05 and one_std[1] > 0.002
+    assert structure == pytest.approx([2.0 * (0.05 - one_std[0]) / Z95, 0.0], rel=1e-9)
+
+
+@pytest.mark.parametrize("other", ["wl", "rl", "f"])
+def test_an_incredible_explanation_is_not_heard(other):
+    disagreeing = field(**{other: [0.5, 2.0]})
+    _, near, _ = spread(disagreeing, errors(**{other: 1.9}), "coloured, laws")
+    _, far, _ = spread(disagreeing, errors(**{other: 2.1}), "coloured, laws")
+    assert near[0] > 0.4 and far[0] == 0.0
+
+
+def test_free_runs_do_not_say_what_is_credible():
+    _, structure, _ = spread(field(wl=[0.5, 2.0]), errors(wl=1.9, f=0.7), "coloured, laws")
+    assert structure[0] > 0.4
+
+
+def test_noise_is_the_larger_of_both_estimates():
+    f = field()
+    by_blocks = np.sqrt(np.diag(sandwich(f.candidates["coloured, laws"].influence)))
+    for covariance, expected in ((1e-6, by_blocks), (0.5, [0.5, 0.5])):
+        one = candidate([1.0, 2.0], covariance=covariance)
+        noise, _, _ = spread(replace(f, candidates={**f.candidates, "coloured, laws": one}), errors(),
+                             "coloured, laws")
+        assert noise == pytest.approx(expected)
+
+
+def test_both_parts_make_the_covariance_with_their_correlations():
+    f = field(rl=[1.1, 1.9])
+    noise, structure, covariance = spread(f, errors(), "coloured, laws")
+    assert np.diag(covariance) == pytest.approx(noise**2 + structure**2)
+    assert covariance[0, 1] == pytest.approx(-structure[0] * structure[1])  # the noise has no correlation here
+
+
+def test_of_a_measured_torque_only_what_has_no_noise_model_is_heard():
+    disagreeing = field(cl=[0.5, 2.0], wl=[0.5, 2.0])
+    _, structure, _ = spread(disagreeing, errors(), "regression, laws", measured=True)
+    assert structure == pytest.approx([0.0, 0.0])
+    _, structure, _ = spread(field(f=[0.5, 2.0]), errors(), "regression, laws", measured=True)
+    assert structure[0] > 0.4
+
+
+def test_every_kind_of_candidate_has_words():
+    assert set(explanation.LEFT) == {name.partition(",")[0] for name in ALL}
+    assert {*explanation.REFEREES, *explanation.WITHOUT} == set(ALL)

@@ -1,0 +1,65 @@
+"""Blocks' shares of the error of a fit: the covariance that they go with, and the one that they make."""
+
+import numpy as np
+import pytest
+
+from drivetool.identify.engine import by_innovations, by_simulation, coloured
+from drivetool.identify.influence import SLACK, influence_of, sandwich
+from drivetool.identify.regression import BLOCKS
+from drivetool.identify.results import covariance_of
+from tests.identify.test_foretold import drawn
+
+
+@pytest.mark.parametrize("situation, refit", [("white", lambda o: o), ("slow", coloured)])
+def test_the_covariance_is_that_of_the_information_matrix(situation, refit):
+    outcome = refit(by_innovations(drawn(situation, "", 2, 52), [{}]))
+    assert (outcome.fit.noise.memory is not None) == (situation == "slow")
+    expected, _, _ = covariance_of(outcome.problem, outcome.solution)
+    found, influence = influence_of(outcome)
+    std = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(std, std), expected / np.outer(std, std), atol=0.02)
+    assert influence.shape == (BLOCKS, 4)
+
+
+def test_the_shares_of_an_arrived_fit_sum_up_to_nothing():
+    outcome = by_innovations(drawn("white", "", 2, 52), [{}])
+    _, influence = influence_of(outcome)
+    assert np.all(np.abs(influence.sum(axis=0)) < 0.05 * np.sqrt(np.diag(sandwich(influence))))
+
+
+def test_under_white_noise_the_sandwich_is_near_the_information_matrix():
+    ratios = []
+    for number, seed in [(0, 50), (2, 52), (4, 54), (6, 56), (2, 57), (4, 58)]:
+        covariance, influence = influence_of(by_innovations(drawn("white", "", number, seed), [{}]))
+        ratios += (np.diag(sandwich(influence)) / np.diag(covariance)).tolist()
+    # A variance of 16 blocks scatters by a third of itself; 24 of them, not independent, by a tenth or so.
+    assert np.median(ratios) / SLACK**2 == pytest.approx(1.0, abs=0.35)
+
+
+def test_correlated_errors_widen_the_sandwich_and_not_the_information_matrix():
+    outcome = by_innovations(drawn("slow", "", 2, 52), [{}])  # taken as white
+    covariance, influence = influence_of(outcome)
+    assert np.max(np.diag(sandwich(influence)) / np.diag(covariance)) > 3.0
+
+
+def test_free_runs_have_shares_that_are_those_of_a_step_of_gauss_newton():
+    task = drawn("white", "", 2, 52)
+    outcome = by_simulation(task, 1.0, [{}], near=True)
+    problem, point = outcome.problem, outcome.solution.point
+    _, influence = influence_of(outcome)
+    # Refitted by one linear step to all but one block: near to what that block's share says.
+    rows, block, done = [], [], 0
+    for trace, plant, start in zip(problem.traces, problem.plants(point.values, True), point.starts, strict=True):
+        _, j = plant.jacobian(trace, start)
+        j = j[:, 0] / problem.scale[0]
+        own = j[:, plant.system.nq + problem.free_start]
+        rest = np.column_stack([j[:, :4], j[:, -1]])
+        rows.append(rest - own @ np.linalg.lstsq(own, rest, rcond=None)[0])
+        block += ((done + np.arange(trace.size)) * BLOCKS // sum(t.size for t in problem.traces)).tolist()
+        done += trace.size
+    rows, block = np.concatenate(rows), np.array(block)
+    size = np.linalg.norm(rows[:, :4], axis=0)
+    expected = np.array([-np.linalg.solve(
+        (rows[:, :4] / size).T @ rows[:, :4] / size, (rows[block == b, :4] / size).T @ rows[block == b, 4]) / size
+        for b in range(BLOCKS)])
+    np.testing.assert_allclose(influence, expected, atol=1e-4 * np.abs(expected).max(axis=0).min(), rtol=1e-3)

@@ -1,0 +1,95 @@
+"""Free runs as judges: what counts as an error of a drive, and what does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.identify.judge import Judge
+from drivetool.identify.motion import smoothing_of
+from drivetool.identify.noise import Noise
+from tests.identify.swing import TRUTH, record, swing, task_of
+
+S = swing()
+ROLES = pytest.mark.parametrize("role", ["motor_speed", "motor_angle"])
+
+
+def judged(made, role, **values):
+    judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+    task = task_of(made, **values)
+    return judge.error(task), judge.spread(task)
+
+
+@ROLES
+def test_the_true_drive_makes_no_error(role):
+    error, spread = judged(record(S, role), role)
+    assert spread == pytest.approx(np.std(S.speed), rel=0.01)
+    assert error < 1e-3 * spread
+
+
+@ROLES
+def test_a_constant_torque_does_not_count(role):
+    error, spread = judged(record(S, role, more=0.5), role)
+    assert error < 1e-3 * spread
+    assert judged(record(S, role), role, idle_torque=-3.0)[0] < 1e-3 * spread
+
+
+@ROLES
+@pytest.mark.parametrize("name, factor", [("inertia", 1.2), ("coulomb", 1.5), ("viscous", 3.0)])
+def test_a_wrong_drive_counts(role, name, factor):
+    error, spread = judged(record(S, role), role, **{name: factor * TRUTH[f"motor.{name}"]})
+    assert error > 0.01 * spread
+
+
+@ROLES
+def test_the_worse_the_drive_the_larger_the_error(role):
+    made = record(S, role)
+    found = [judged(made, role, inertia=f * TRUTH["motor.inertia"])[0] for f in (1.0, 1.05, 1.1, 1.3)]
+    assert found == sorted(found) and found[3] > 2.0 * found[2]
+
+
+def test_an_error_of_the_angle_counts_as_its_speed():
+    # Both sensors see the same drive err by as much, in rad/s.
+    values = {"inertia": 1.2 * TRUTH["motor.inertia"]}
+    speed, angle = (judged(record(S, role), role, **values)[0] for role in ("motor_speed", "motor_angle"))
+    assert angle == pytest.approx(speed, rel=0.5)
+
+
+def test_straight_lines_err_by_what_a_motion_bends():
+    n, step = 4000, 1e-3
+    bent = swing(n, step, parts=((1.0 / np.pi, 0.5, 0.0),))  # the speed is cos(pi t): half a period in each run
+    made = record(bent, step=step)
+    judge = Judge(smoothing_of([made], "motor_speed"), Noise(1.0, None, np.ones(1)))
+    t = (np.arange(1000) + 0.5) / 1000.0
+    left = np.cos(np.pi * t) - np.polyval(np.polyfit(t, np.cos(np.pi * t), 1), t)
+    assert judge.straight(task_of(made)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
+
+
+@ROLES
+def test_straight_lines_of_a_noisy_record_say_nothing(role):
+    straight = swing(parts=((100.0, 0.004, 0.3),))
+    noise = (1.0 if role == "motor_speed" else 0.01) * np.random.default_rng(1).standard_normal(4000)
+    for made, says in ((record(S, role), True), (record(straight, role, noise=noise), False)):
+        judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+        assert (judge.straight(task_of(made)) > 0.0) == says
+
+
+def test_noise_above_the_cut_off_hardly_counts():
+    noise = 0.2 * np.random.default_rng(1).standard_normal(4000)
+    error, _ = judged(record(S, noise=noise), "motor_speed")
+    assert 0.0 < error < 0.1
+
+
+def test_missing_values_do_not_count():
+    made = record(S)
+    speed = made.signals["motor_speed"].copy()
+    speed[300:320] = np.nan
+    error, spread = judged(replace(made, signals={**made.signals, "motor_speed": speed}), "motor_speed")
+    assert error < 1e-3 * spread
+
+
+@pytest.mark.parametrize("step", [0.08, 0.25])
+def test_a_slow_sampling_rate_is_judged_as_well(step):
+    s = swing(1200, step, parts=((40.0, 0.01, 0.0), (10.0, 0.05, 1.0)))
+    error, spread = judged(record(s, step=step), "motor_speed")
+    assert error < 0.05 * spread
