@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -98,7 +98,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     options = replace(options, start=start_of(job.start, models[0][1]))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
-    more = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
+    more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     more |= {"known": known} if any(known) else {}
     try:
         validation = validate(opened.experiments, models, options, **more)

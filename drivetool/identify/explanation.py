@@ -86,7 +86,7 @@ def explain(field: Field, task: Task) -> Explanation:
     errors = {name: float(field.judge.error(c.task)) for name, c in field.candidates.items()}
     name = chosen(errors, measured)
     c = field.candidates[name]
-    noise, structure, covariance = spread(field, errors, name, measured)
+    noise, structure, covariance = spread(field, errors, name, task.free, measured)
     outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
     own = task.at(dict(zip(task.free, within_bounds(task, c.own, field.seen), strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
@@ -125,7 +125,7 @@ def chosen(errors: Mapping[str, float], measured: bool = False) -> str:
     return name if errors[name] <= REFUTED * errors["free runs, laws"] else "free runs, laws"
 
 
-def spread(field: Field, errors: Mapping[str, float], name: str,
+def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[str],
            measured: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(std by noise (k,), std by structure (k,), covariance of both (k, k)) of the drive's own parameters."""
     c = field.candidates[name]
@@ -142,17 +142,16 @@ def spread(field: Field, errors: Mapping[str, float], name: str,
             off = c.own - d.own
             one = np.sqrt(np.diag(sandwich(c.influence - d.influence))) / SLACK
             if "regression, laws" in (name, other):
-                one = one + _attenuation(c)
+                one = one + _attenuation(c, free)
             apart.append(np.sign(off) * np.maximum(np.abs(off) - one, 0.0))
     rows = np.array(apart).reshape(-1, len(c.own))
     structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
     return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
 
 
-def _attenuation(c: Candidate) -> np.ndarray:
+def _attenuation(c: Candidate, free: Sequence[str]) -> np.ndarray:
     """(k,) by how much sensor noise may lower what a regression finds: the inertia, as its cut-off allows."""
-    biased = np.array([n.endswith(".inertia") for n in c.task.free[:len(c.own)]])
-    return NOISE_SHARE * biased * np.abs(c.own)
+    return NOISE_SHARE * np.array([n.endswith(".inertia") for n in free]) * np.abs(c.own)
 
 
 def _sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:

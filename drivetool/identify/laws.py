@@ -90,7 +90,7 @@ def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[La
 def turns_back(motions: Sequence[Motion]) -> bool:
     """Whether the motor turns both ways: with one direction what differs by direction is friction itself."""
     side = np.concatenate([np.where(m.slow, 0.0, m.side) for m in motions])  # noise turns what stands both ways
-    return min(np.mean(side > 0.0), np.mean(side < 0.0)) > BOTH_WAYS
+    return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > BOTH_WAYS)
 
 
 def _mean_over_angles(motions: Sequence[Motion]) -> np.ndarray:

@@ -19,6 +19,8 @@ from drivetool.identify.results import Z95
 ALL = {"coloured, laws": 1.0, "white, laws": 1.0, "regression, laws": 1.0, "coloured": 1.0, "white": 1.0,
        "regression": 1.0, "free runs, laws": 1.0}
 
+FREE = ("motor.viscous", "motor.coulomb")
+
 
 def errors(**others):
     """All err alike but for some, named by their first letters: cl is 'coloured, laws'."""
@@ -74,7 +76,7 @@ def field(**off):
 
 
 def test_there_is_no_structure_where_all_agree():
-    noise, structure, covariance = spread(field(), errors(), "coloured, laws")
+    noise, structure, covariance = spread(field(), errors(), "coloured, laws", FREE)
     assert structure == pytest.approx([0.0, 0.0])
     assert np.sqrt(np.diag(covariance)) == pytest.approx(noise)
 
@@ -82,7 +84,7 @@ def test_there_is_no_structure_where_all_agree():
 @pytest.mark.parametrize("other", ["wl", "rl", "f"])
 def test_structure_is_twice_the_disagreement_of_a_referee(other):
     for off in (0.1, 0.3):
-        _, structure, _ = spread(field(**{other: [1.0 - off, 2.0]}), errors(), "coloured, laws")
+        _, structure, _ = spread(field(**{other: [1.0 - off, 2.0]}), errors(), "coloured, laws", FREE)
         # The same noise in both: none in the difference, all of which counts as a half-width and as much again.
         assert structure == pytest.approx([2.0 * off / Z95, 0.0], rel=1e-9)
     assert DOUBLED == 2.0
@@ -93,7 +95,7 @@ def test_the_noise_of_the_difference_does_not_count():
     f = field()
     f = replace(f, candidates={**f.candidates, "coloured, laws": one, "white, laws": other,
                                "regression, laws": one, "free runs, laws": one})
-    _, structure, _ = spread(f, errors(), "coloured, laws")
+    _, structure, _ = spread(f, errors(), "coloured, laws", FREE)
     one_std = np.std(one.influence - other.influence, axis=0, ddof=1) * np.sqrt(BLOCKS)
     assert one_std[0] < 0.05 and one_std[1] > 0.002
     assert structure == pytest.approx([2.0 * (0.05 - one_std[0]) / Z95, 0.0], rel=1e-9)
@@ -102,13 +104,13 @@ def test_the_noise_of_the_difference_does_not_count():
 @pytest.mark.parametrize("other", ["wl", "rl", "f"])
 def test_an_incredible_explanation_is_not_heard(other):
     disagreeing = field(**{other: [0.5, 2.0]})
-    _, near, _ = spread(disagreeing, errors(**{other: 1.9}), "coloured, laws")
-    _, far, _ = spread(disagreeing, errors(**{other: 2.1}), "coloured, laws")
+    _, near, _ = spread(disagreeing, errors(**{other: 1.9}), "coloured, laws", FREE)
+    _, far, _ = spread(disagreeing, errors(**{other: 2.1}), "coloured, laws", FREE)
     assert near[0] > 0.4 and far[0] == 0.0
 
 
 def test_free_runs_do_not_say_what_is_credible():
-    _, structure, _ = spread(field(wl=[0.5, 2.0]), errors(wl=1.9, f=0.7), "coloured, laws")
+    _, structure, _ = spread(field(wl=[0.5, 2.0]), errors(wl=1.9, f=0.7), "coloured, laws", FREE)
     assert structure[0] > 0.4
 
 
@@ -118,22 +120,22 @@ def test_noise_is_the_larger_of_both_estimates():
     for covariance, expected in ((1e-6, by_blocks), (0.5, [0.5, 0.5])):
         one = candidate([1.0, 2.0], covariance=covariance)
         noise, _, _ = spread(replace(f, candidates={**f.candidates, "coloured, laws": one}), errors(),
-                             "coloured, laws")
+                             "coloured, laws", FREE)
         assert noise == pytest.approx(expected)
 
 
 def test_both_parts_make_the_covariance_with_their_correlations():
     f = field(rl=[1.1, 1.9])
-    noise, structure, covariance = spread(f, errors(), "coloured, laws")
+    noise, structure, covariance = spread(f, errors(), "coloured, laws", FREE)
     assert np.diag(covariance) == pytest.approx(noise**2 + structure**2)
     assert covariance[0, 1] == pytest.approx(-structure[0] * structure[1])  # the noise has no correlation here
 
 
 def test_of_a_measured_torque_only_what_has_no_noise_model_is_heard():
     disagreeing = field(cl=[0.5, 2.0], wl=[0.5, 2.0])
-    _, structure, _ = spread(disagreeing, errors(), "regression, laws", measured=True)
+    _, structure, _ = spread(disagreeing, errors(), "regression, laws", FREE, measured=True)
     assert structure == pytest.approx([0.0, 0.0])
-    _, structure, _ = spread(field(f=[0.5, 2.0]), errors(), "regression, laws", measured=True)
+    _, structure, _ = spread(field(f=[0.5, 2.0]), errors(), "regression, laws", FREE, measured=True)
     assert structure[0] > 0.4
 
 
