@@ -22,6 +22,7 @@ from drivetool.identify.motion import Motions, motions_of
 from drivetool.identify.own_parameters import nearest_line
 from drivetool.identify.regression import Regression, regress, regressable
 from drivetool.identify.task import Outcome, Task
+from drivetool.identify.told_together import only_ratios
 
 FEWEST = 200  # measured values in a row: sixteen blocks of a dozen
 IDLE = "motor.idle_torque"
@@ -60,12 +61,18 @@ class Field:
     seen: Motions
 
 
-def explainable(white: Outcome) -> bool:
-    """Whether there are several explanations: of one body whose inertia is asked for, and enough of a record."""
+def why_alone(white: Outcome) -> str:
+    """Why a record has one explanation only, the innovations fit; empty where several are tried."""
     task = white.task
-    if white.fit is None or len(task.drive.bodies) > 1 or "motor.inertia" not in task.free:
-        return False
-    return any(_longest(e.signals[task.roles.outputs[0]]) >= FEWEST for e in task.experiments)
+    if len(task.drive.bodies) > 1:
+        return "other explanations are tried on drives of one body so far"
+    if white.fit is None or "motor.inertia" not in task.free:
+        return "the inertia is held"
+    if not any(_longest(e.signals[task.roles.outputs[0]]) >= FEWEST for e in task.experiments):
+        return f"no {FEWEST} values of the sensor were measured in a row"
+    if only_ratios(white):
+        return "no torque of known size acts"
+    return ""
 
 
 def _longest(values: np.ndarray) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
-from drivetool.identify.candidates import candidates_of, explainable
+from drivetool.identify.candidates import candidates_of, why_alone
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, fit_percent
 from drivetool.identify.contact import opened_gaps
@@ -38,7 +38,6 @@ from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
-from drivetool.identify.told_together import only_ratios
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
@@ -73,7 +72,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
-    if options.criterion == "auto" and explainable(white) and not only_ratios(white):
+    alone = why_alone(white) if options.criterion == "auto" else ""
+    if options.criterion == "auto" and not alone:
         explanation = explain(candidates_of(white.task, white), white.task)
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
     else:
@@ -83,6 +83,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     findings = [*left, *doubted_channels(task, found), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
+    if alone:
+        estimate = replace(estimate, explanation=f"Fitted by innovations alone: {alone}.")
     lacking = {f.code for f in estimate.findings} & LACKING
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)

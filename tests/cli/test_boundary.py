@@ -122,7 +122,7 @@ def test_result_on_a_pipe_is_the_file_alone(folder, call):
     assert content["parameters"]["motor.inertia"]["value"] == 0.8
     assert content["parameters"]["load.inertia"]["value"] == 60.0
     assert content["options"]["set"] == ["load.inertia=6e4 g m^2"]
-    assert content["options"]["criterion"] == "innovations"
+    assert content["options"]["criterion"] == "auto"
     assert [entry["file"] for entry in content["inputs"]] == ["hand.yaml"]
     assert [entry["file"] for entry in content["data"]] == ["steps.parquet"]
     assert "note no-fit: Stub." in err and "drivetool greybox: converged" in err
