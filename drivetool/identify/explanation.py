@@ -44,7 +44,7 @@ LEFT = {"coloured": "what is left is taken as torque noise with a memory",
 # Structure over noise: of right models 17 % have more in some parameter (of 24), of those that lack a law not found
 # 44 % (of 18); at one the shares are 75 and 78 %.
 DOUBTED = 3.0
-WEIGHTY = 0.01  # of the torque: a law of less is not spoken of
+WEIGHTY = 0.01  # of the torque a law, of its value a disagreement: less is not spoken of
 LIKELIER = 10.0  # log likelihood
 
 
@@ -212,7 +212,8 @@ def _findings(field: Field, name: str, laws: Sequence[FoundLaw], noise: np.ndarr
              if np.linalg.norm(law.factors) > WEIGHTY * size}
     unfelt = _unfelt(laws, task) if heavy.pop(UNFELT, 0.0) else ()
     likelier = _value(field, name) - _value(field, "coloured, laws") > LIKELIER
-    doubted = [n for n, a, b in zip(task.free, noise, structure, strict=True) if b > DOUBTED * a]
+    values = np.abs(field.candidates[name].own)
+    doubted = np.any(structure > np.maximum(DOUBTED * noise, WEIGHTY * values))
     if not (heavy or likelier or doubted):
         return unfelt
     guess = max(heavy, key=heavy.__getitem__) if heavy else None

@@ -15,7 +15,10 @@ from drivetool.identify.motion import Motion, Motions
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
 BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
-PLACES = 64  # of half a turn
+PLACES = 64  # of a period
+# Share of its power that a wave over the angle may have as a constant: what hardly turns has the inertia and idle
+# torque of the drive in it, measured noise and all, and no period to be told by.
+CONSTANT = 0.5
 HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
 
 
@@ -75,13 +78,13 @@ def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[La
         law(f"Stribeck friction below {w:g} of the top speed",
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
     law("the torque drifts", lambda m, v, t: [t])
-    if not turns:
-        return tuple(found)
-    law("inertia changes with the angle", lambda m, v, t: [
-        m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
-        m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)],
-        "inertia", _mean_over_angles(motions))
-    for k in (1, 2, *HARMONICS):
+    orders = [k for k in (1, 2, *HARMONICS) if turns and np.sum(_mean_over_angles(motions, k) ** 2) < CONSTANT]
+    if 2 in orders:
+        law("inertia changes with the angle", lambda m, v, t: [
+            m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
+            m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)],
+            "inertia", _mean_over_angles(motions, 2))
+    for k in orders:
         law(f"torque repeats {k} times a turn",
             lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])
     return tuple(found)
@@ -93,12 +96,12 @@ def turns_back(motions: Sequence[Motion]) -> bool:
     return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > BOTH_WAYS)
 
 
-def _mean_over_angles(motions: Sequence[Motion]) -> np.ndarray:
-    """(2,) mean of the cosine and sine of twice the angle over the angles visited, each counted once.
+def _mean_over_angles(motions: Sequence[Motion], order: int) -> np.ndarray:
+    """(2,) mean of the cosine and sine of a multiple of the angle over the angles visited, each counted once.
 
     Over time it would follow the motion, whose acceleration is larger where the inertia is less.
     """
-    angle = np.concatenate([m.angle for m in motions])
-    place = np.unique(np.floor(np.mod(angle[np.isfinite(angle)], np.pi) / np.pi * PLACES))
+    phase = order * np.concatenate([m.angle for m in motions]) / (2.0 * np.pi)
+    place = np.unique(np.floor(np.mod(phase[np.isfinite(phase)], 1.0) * PLACES))
     middle = 2.0 * np.pi * (place + 0.5) / PLACES
     return np.array([np.cos(middle).mean(), np.sin(middle).mean()])

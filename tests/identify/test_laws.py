@@ -70,9 +70,20 @@ def test_over_full_turns_an_inertia_that_changes_with_the_angle_keeps_its_mean()
 
 
 def test_over_a_narrow_swing_it_has_what_it_is_there():
-    s = swing(parts=((0.1, 1.0, 0.0),))
+    s = swing(parts=((0.8, 1.0, 0.0),))
     mean = laws_of(s)[CRANK].inertia * crank_sizes(s)
-    assert mean == pytest.approx([np.sinc(0.2 / np.pi), 0.0], abs=0.05)  # mean of cos 2q over |q| < 0.1
+    assert mean == pytest.approx([np.sinc(1.6 / np.pi), 0.0], abs=0.05)  # mean of cos 2q over |q| < 0.8
+
+
+@pytest.mark.parametrize("amplitude, offered", [(0.6, False), (0.8, True)])
+def test_what_hardly_turns_has_no_inertia_over_the_angle(amplitude, offered):
+    # Half of its power would be the drive's own inertia at |q| < 0.7: sin(1.39) / 1.39 is the root of a half.
+    assert (CRANK in laws_of(swing(parts=((amplitude, 1.0, 0.0),)))) == offered
+
+
+def test_what_hardly_turns_repeats_only_what_is_short():
+    orders = {int(name.split()[2]) for name in laws_of(swing(parts=((0.1, 1.0, 0.0),))) if "repeats" in name}
+    assert min(orders) == 14 and max(orders) == 40  # 14 times 0.1 rad is the first above 1.39
 
 
 def test_laws_are_functions_of_the_motion():

@@ -53,7 +53,7 @@ def test_the_idle_torque_has_the_mean_of_what_differs_by_direction():
 
 
 def test_the_inertia_has_its_mean_over_the_angles():
-    narrow = swing(parts=((0.1, 1.0, 0.0),))
+    narrow = swing(parts=((0.8, 1.0, 0.0),))
     seen = motions_of([record(narrow, "motor_angle")], "motor_angle")
     laws = {law.name: law for law in library(seen, True, (np.zeros(4000),))}
     law = laws["inertia changes with the angle"]
