@@ -26,11 +26,12 @@ UNITS = (
     (1000.0, "a motion in", "mm", "m"), (1000.0, "a torque in", "kNm", "Nm"), (1e-3, "a torque in", "mNm", "Nm"))
 
 
-def doubted_channels(start: Task, after: Drive) -> list[Finding]:
+def doubted_channels(start: Task, after: Drive, explained: bool = False) -> list[Finding]:
     """What to say where the drive has a negative inertia, or one off its start by a large factor.
 
     start  the task with its start values; after: the fitted drive, which counts where the record itself does not
-           tell the sum of the inertias
+           tell the sum of the inertias, or where it is `explained`: what the record tells at once has in it the
+           laws that the drive lacks
     """
     told = _of_record(start)
     if told is not None and told < 0.0:
@@ -39,7 +40,10 @@ def doubted_channels(start: Task, after: Drive) -> list[Finding]:
             "By its records the drive slows down under the torque that should drive it: torque and motion count "
             "in opposite directions.",
             {"factor": told}, "Turn one of them round in the channel map, with sign: -1.")]
-    factor = told or _of_fit(start, after)
+    if explained and start.drive.referred_inertia > 0.0:
+        factor = after.referred_inertia / start.drive.referred_inertia
+    else:
+        factor = told or _of_fit(start, after)
     if factor is None or 1.0 / FAR < factor < FAR:
         return []
     both = [pair for size, what, one, other in UNITS for pair in (

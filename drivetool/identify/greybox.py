@@ -79,8 +79,9 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     else:
         explanation, outcome = None, coloured(white)
         figures, findings = both_criteria(outcome, options)
-    found = outcome.drive if explanation is None else explanation.own.drive
-    findings = [*left, *doubted_channels(task, found), *findings]
+    explained = explanation is not None and not explanation.worthless
+    found = explanation.own.drive if explained else outcome.drive
+    findings = [*left, *doubted_channels(task, found, explained), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
     if alone:

@@ -34,3 +34,12 @@ def test_a_carried_mass_is_no_wrong_unit():
     assert doubted_channels(asked(heavy), heavy) == []
     light = heavy.with_values({"load.carried_mass": 0.0})
     assert [f.code for f in doubted_channels(asked(light), light)] == ["unit-doubted"]
+
+
+def test_what_a_fit_with_laws_finds_goes_before_what_the_record_tells_at_once():
+    light = DRIVE.with_values({"motor.inertia": 0.5, "load.carried_mass": 0.0})
+    task = asked(light)  # whose motion asks for four times the inertia
+    assert doubted_channels(task, light, explained=True) == []
+    far = light.with_values({"motor.inertia": 20.0})
+    (found,) = doubted_channels(task, far, explained=True)
+    assert found.evidence["factor"] == pytest.approx(21.0 / 1.5)
