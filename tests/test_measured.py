@@ -76,6 +76,20 @@ def test_emps_simulates_its_position_within_the_published_kind_of_error():
     assert estimate.drive.values["motor.inertia"] == pytest.approx(95.1, rel=0.05)
 
 
+def test_the_default_fit_of_emps_agrees_with_the_published_parameters():
+    # Janot, Gautier and Brunot, least squares on the inverse dynamics; an innovations fit has 331 N s/m and 6.7 N.
+    axis = opened("emps.parquet", motor_torque={"channel": "force", "unit": "N"},
+                  motor_angle={"channel": "q", "unit": "m"})
+    drive = one_body("N", "m").with_values({"motor.inertia": 80.0})
+    estimate = greybox([axis], drive, Options(free=("all",)))
+    lines = {p.name: p for p in estimate.parameters}
+    for name, published, share in (("motor.inertia", 95.1089, 0.02), ("motor.viscous", 203.5034, 0.05),
+                                   ("motor.coulomb", 20.3935, 0.05), ("motor.idle_torque", -3.1648, 0.1)):
+        line, most = lines[name], share * abs(published)
+        assert abs(line.value - published) < most and line.ci95[1] - line.ci95[0] < 2.0 * most
+    assert "friction differs by direction" in [law.name for law in estimate.laws]
+
+
 @pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     """Twenty periods of a multisine; both fits over the same seconds.

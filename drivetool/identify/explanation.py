@@ -77,13 +77,15 @@ class Explanation:
     worthless: bool
 
 
-def explain(field: Field, task: Task) -> Explanation:
-    """Choose among the candidates.
+def explain(field: Field, task: Task) -> Explanation | None:
+    """Choose among the candidates; None where none of them can be simulated.
 
     task  without laws
     """
     measured = any(e.torque_is == "measurement" for e in task.experiments) and "regression" in field.candidates
-    errors = {name: float(field.judge.error(c.task)) for name, c in field.candidates.items()}
+    errors = {name: _error(field, c) for name, c in field.candidates.items()}
+    if not np.isfinite([errors[n] for n in (MEASURED if measured else PREFERRED) if n in errors]).any():
+        return None
     name = chosen(errors, measured)
     c = field.candidates[name]
     noise, structure, covariance = spread(field, errors, name, task.free, measured)
@@ -101,6 +103,12 @@ def explain(field: Field, task: Task) -> Explanation:
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
                        worthless)
+
+
+def _error(field: Field, c: Candidate) -> float:
+    """Of its free runs; endless of a candidate whose sensitivities run away."""
+    error = field.judge.error(c.task) if np.isfinite(c.influence).all() and np.isfinite(c.own).all() else np.inf
+    return float(error) if np.isfinite(error) else np.inf
 
 
 def _nothing(error: float, straight: float) -> Finding:

@@ -57,6 +57,8 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
         k += law.size
     now, largest, whole = _left_out(sums, base), 0.0, sums.sum(axis=0)
     # A drive feels at most all of the noise. More than all is a sensor's, which feedback has put on the torque.
+    if not now > 0.0:
+        return [], np.empty(0)
     possible = [i for i, law in enumerate(laws)
                 if law.name != UNFELT or -_solved(whole, np.concatenate([base, places[i]]))[-1] > 0.0]
     while len(chosen) < min(most, len(possible)):
@@ -95,7 +97,11 @@ def _sums(task: Task, point: Point, noise: Noise, laws: Sequence[Law]) -> np.nda
             fold = (done + np.arange(part.start, part.stop)) * FOLDS // count
             for f in np.unique(fold):
                 rows = flat[fold == f].reshape(-1, size)
-                whole[f] += rows.T @ rows
+                with np.errstate(over="ignore", invalid="ignore"):
+                    whole[f] += rows.T @ rows
+        # What runs away under the gains foretells nothing.
+        lost = ~np.isfinite(np.einsum("fii->i", whole))
+        whole[:, lost], whole[:, :, lost] = 0.0, 0.0
         total += _without(whole, len(states))
         done += trace.size
     return total
@@ -125,7 +131,7 @@ def _without(sums: np.ndarray, nx: int) -> np.ndarray:
 
 def _solved(sums: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Least squares of the error on some columns."""
-    size = np.sqrt(np.diag(sums)[columns])
+    size = np.sqrt(np.maximum(np.diag(sums)[columns], 0.0))
     size[size == 0.0] = 1.0
     matrix = sums[np.ix_(columns, columns)] / np.outer(size, size)
     return np.linalg.lstsq(matrix, sums[columns, -1] / size, rcond=1e-12)[0] / size
@@ -133,13 +139,13 @@ def _solved(sums: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def _left_out(sums: np.ndarray, columns: np.ndarray) -> float:
     """Squared error of all blocks, each foretold by what was fitted to the others."""
-    size = np.sqrt(np.diag(sums.sum(axis=0))[columns])
+    size = np.sqrt(np.maximum(np.diag(sums.sum(axis=0))[columns], 0.0))
     size[size == 0.0] = 1.0
     matrix = sums[:, columns[:, None], columns] / np.outer(size, size)
     right = sums[:, columns, -1] / size
     found = 0.0
     for f in range(len(sums)):
         rest, slope = matrix.sum(axis=0) - matrix[f], right.sum(axis=0) - right[f]
-        value = np.linalg.solve(rest + 1e-7 * np.trace(rest) / len(rest) * np.eye(len(rest)), slope)
+        value = np.linalg.lstsq(rest + 1e-7 * np.trace(rest) / len(rest) * np.eye(len(rest)), slope, rcond=1e-12)[0]
         found += sums[f, -1, -1] - 2.0 * value @ right[f] + value @ matrix[f] @ value
     return float(found)

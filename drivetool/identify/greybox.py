@@ -73,11 +73,14 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
     alone = why_alone(white) if options.criterion == "auto" else ""
+    explanation = None
     if options.criterion == "auto" and not alone:
         explanation = explain(candidates_of(white.task, white), white.task)
+        alone = "" if explanation else "no other explanation of the record can be simulated"
+    if explanation is not None:
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
     else:
-        explanation, outcome = None, coloured(white)
+        outcome = coloured(white)
         figures, findings = both_criteria(outcome, options)
     explained = explanation is not None and not explanation.worthless
     found = explanation.own.drive if explained else outcome.drive

@@ -16,6 +16,8 @@ SLACK = float(student.ppf(0.975, BLOCKS - 1)) / Z95  # a variance of so few bloc
 def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     """((k, k) information-matrix covariance of the free parameters, (BLOCKS, k) shares of their error).
 
+    Both NaN where the sensitivities run away.
+
     source  White 1982 for the sandwich; Bester, Conley and Hansen 2011 for few contiguous blocks
     """
     problem, point, fit = outcome.problem, outcome.solution.point, outcome.fit
@@ -38,9 +40,12 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
             block = (done + np.arange(part.start, part.stop)) * BLOCKS // count
             for b in np.unique(block):
                 flat = rows[block == b].reshape(-1, s.ns)
-                sums[b] += flat.T @ flat
+                with np.errstate(over="ignore", invalid="ignore"):
+                    sums[b] += flat.T @ flat
         done += trace.size
         whole = sums.sum(axis=0)
+        if not np.isfinite(whole).all():
+            return np.full((k, k), np.nan), np.full((BLOCKS, k), np.nan)
         size = np.sqrt(np.diag(whole)[own])
         size[size == 0.0] = 1.0
         # What the start states take up, by the whole trace.
@@ -49,7 +54,7 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         matrix += whole[:k, :k] - whole[:k, own] @ taken
         slopes += sums[:, :k, -1] - sums[:, own, -1] @ taken
         cost += whole[-1, -1]
-    size = np.sqrt(np.diag(matrix))
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size <= 0.0] = 1.0
     inverse, _ = inverted(matrix / np.outer(size, size), 1e-13)
     inverse = inverse / np.outer(size, size)

@@ -132,3 +132,14 @@ def test_a_coast_down_with_a_known_friction_tells_the_inertia(call, tmp_path):
     off, holds = error(content, "motor.inertia", 0.02)
     assert holds and off < 1e-3
     assert content["parameters"]["motor.inertia"]["status"] == "fitted"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("situation, size, number, seed", [
+    ("asymmetry", "L", 1, 720071), ("log-noise", "L", 12, 720574)])
+def test_a_law_that_runs_away_under_the_gains_costs_no_answer(call, tmp_path, situation, size, number, seed):
+    # Sensitivities of a candidate are no numbers here: that candidate is left out, the others answer.
+    record = draw(situation, size, number, seed)
+    content = drawn(call, tmp_path, record)
+    assert error(content, "motor.inertia", record.truth.inertia)[0] < 0.15
+    assert all(np.isfinite(line["value"]) for line in content["parameters"].values())

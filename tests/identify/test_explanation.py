@@ -142,3 +142,10 @@ def test_of_a_measured_torque_only_what_has_no_noise_model_is_heard():
 def test_every_kind_of_candidate_has_words():
     assert set(explanation.LEFT) == {name.partition(",")[0] for name in ALL}
     assert {*explanation.REFEREES, *explanation.WITHOUT} == set(ALL)
+
+
+def test_what_runs_away_is_never_chosen():
+    lost = candidate([1.0, 2.0])
+    lost = replace(lost, influence=np.full_like(lost.influence, np.nan))
+    assert explanation._error(field(), lost) == np.inf  # it is not even simulated
+    assert chosen(errors(cl=np.inf, f=np.inf)) == "white, laws"
