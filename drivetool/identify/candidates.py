@@ -87,24 +87,26 @@ def candidates_of(task: Task, white: Outcome) -> Field:
     task   without laws; white: its fit by innovations with white torque noise
     """
     seen, linear = motions_of(task.experiments, task.roles.outputs[0]), regressable(task)
-    white = likelier(white, regress(task, seen)) if linear else white
+    plain = regress(task, seen) if linear else None
+    white = likelier(white, plain) if plain else white
     found = {"white": white, "coloured": coloured(white)}
     every = library(seen, task.drive.motion_unit == "rad", likely_noise(task.experiments, "motor_torque"))
     laws, best = with_found_laws(found["coloured"], every, seen, linear)
-    if not laws:
-        found |= {f"{name}, laws": outcome for name, outcome in found.items()}
-    elif best.fit.noise.memory is None:
+    with_them = regress(task, seen, laws) if linear and laws else plain
+    if laws and best.fit.noise.memory is None:
         found |= {"white, laws": best, "coloured, laws": coloured(best)}
-    else:
+    elif laws:
         start = near(best.task.at_point(best.solution.point), white)
-        found |= {"white, laws": likelier(start, regress(task, seen, laws)) if linear else start,
-                  "coloured, laws": best}
+        found |= {"white, laws": likelier(start, with_them) if with_them else start, "coloured, laws": best}
     line = nearest_line(task, laws, seen)
     candidates = {name: _of_fit(outcome, line) for name, outcome in found.items()}
+    if plain and with_them:
+        candidates["regression"] = _of_regression(plain, task, (), line)
+        if laws:
+            candidates["regression, laws"] = _of_regression(with_them, task, laws, line)
+    if not laws:
+        candidates |= {f"{name}, laws": c for name, c in candidates.items()}
     candidates["free runs, laws"] = _of_free_runs(best, seen, line)
-    if linear:
-        candidates["regression"] = _of_regression(regress(task, seen), task, (), line)
-        candidates["regression, laws"] = _of_regression(regress(task, seen, laws), task, laws, line)
     return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), seen)
 
 

@@ -83,7 +83,9 @@ def explain(field: Field, task: Task) -> Explanation | None:
     task  without laws
     """
     measured = any(e.torque_is == "measurement" for e in task.experiments) and "regression" in field.candidates
-    errors = {name: _error(field, c) for name, c in field.candidates.items()}
+    # Without laws a candidate stands under two names.
+    known = {id(c): _error(field, c) for c in {id(c): c for c in field.candidates.values()}.values()}
+    errors = {name: known[id(c)] for name, c in field.candidates.items()}
     if not np.isfinite([errors[n] for n in (MEASURED if measured else PREFERRED) if n in errors]).any():
         return None
     name = chosen(errors, measured)
@@ -92,7 +94,9 @@ def explain(field: Field, task: Task) -> Explanation | None:
     outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
     own = task.at(dict(zip(task.free, within_bounds(task, c.own, field.seen), strict=True)))
     laws = _found(field, c) if name.endswith("laws") else ()
-    findings = _findings(field, name, laws, noise, structure, task)
+    # Of a measured torque no fit by innovations is asked, however likely.
+    likelier = not measured and _value(field, name) - _value(field, "coloured, laws") > LIKELIER
+    findings = _findings(field.candidates[name], likelier, laws, noise, structure, task)
     figures = {"speed_fit_percent": field.judge.fit_percent(own)}
     if laws:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
@@ -203,7 +207,7 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
     if measured:
         why = "the logged torque is a measurement, whose noise the drive has not felt"
     elif kind == "free runs":
-        why = f"those of every fit that models noise err more than {REFUTED:g} times as much"
+        why = f"the free runs of the next best explanation err more than {REFUTED:g} times as much"
     else:
         over = errors[name] / min(e for n, e in errors.items() if n != "free runs, laws")
         why = f"its free runs of a second err {over:.2f} times as much as the best of all explanations"
@@ -211,16 +215,18 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
     return text[0].upper() + text[1:]
 
 
-def _findings(field: Field, name: str, laws: Sequence[FoundLaw], noise: np.ndarray, structure: np.ndarray,
+def _findings(c: Candidate, likelier: bool, laws: Sequence[FoundLaw], noise: np.ndarray, structure: np.ndarray,
               task: Task) -> tuple[Finding, ...]:
-    """Whether the model lacks something, and the best guess."""
+    """Whether the model lacks something, and the best guess.
+
+    likelier  whether coloured noise is likelier than the candidate that was chosen
+    """
     torque = np.concatenate([e.signals["motor_torque"][a:b] for e in task.experiments for a, b in e.segments])
     size = float(np.sqrt(np.mean(torque**2)))
     heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
              if np.linalg.norm(law.factors) > WEIGHTY * size}
     unfelt = _unfelt(laws, task) if heavy.pop(UNFELT, 0.0) else ()
-    likelier = _value(field, name) - _value(field, "coloured, laws") > LIKELIER
-    values = np.abs(field.candidates[name].own)
+    values = np.abs(c.own)
     doubted = np.any(structure > np.maximum(DOUBTED * noise, WEIGHTY * values))
     if not (heavy or likelier or doubted):
         return unfelt

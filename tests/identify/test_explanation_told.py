@@ -1,5 +1,7 @@
 """The default fit of one body as an estimate: what else is in its intervals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -32,3 +34,12 @@ def test_the_uncertainty_of_a_held_value_is_in_the_interval(situation, size):
         assert more[name].std == pytest.approx(np.hypot(more[name].std_noise, more[name].std_structure))
         j = estimate.covariance.names.index(name)
         assert more[name].std == pytest.approx(np.sqrt(estimate.covariance.matrix[j, j]))
+
+
+def test_a_measured_torque_alone_is_no_lack_of_the_model():
+    # No fit by innovations is asked then, and so their likelihood is no witness either.
+    task = drawn("quiet", "", 2, 52)
+    measured = [replace(e, torque_is="measurement") for e in task.experiments]
+    found = greybox(measured, task.drive, Options())
+    assert "measurement" in found.explanation and not found.laws
+    assert "model-error" not in {f.code for f in found.findings}
