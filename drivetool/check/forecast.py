@@ -14,8 +14,8 @@ from drivetool.check.model import Model
 from drivetool.check.remainder import Remainder
 from drivetool.check.structure import states_of
 from drivetool.drive.simulate import Trace
-from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import free_run
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.noise import filtered
 from drivetool.identify.rounding import explains
 

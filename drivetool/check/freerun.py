@@ -11,7 +11,7 @@ from drivetool.check.replay import Replay, simulated
 from drivetool.check.validation import RecordCheck
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
-from drivetool.identify.compose import fit_percent
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.noise import with_torque_noise
 from drivetool.logs.experiment import Experiment
 

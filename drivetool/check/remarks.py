@@ -9,7 +9,7 @@ import numpy as np
 from drivetool.check.correlation import ALARM, Correlation
 from drivetool.check.validation import RecordCheck, ValidateOptions
 from drivetool.errors import Finding
-from drivetool.identify.compose import fit_words
+from drivetool.identify.fit_percent import fit_words
 from drivetool.identify.rounding import rounding_alone
 from drivetool.logs.experiment import Experiment
 

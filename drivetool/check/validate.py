@@ -14,8 +14,8 @@ from drivetool.check.replay import Replay, begun_otherwise, replay, resonances
 from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.identify.compose import fit_percent, fit_words
 from drivetool.identify.estimate import Covariance, Exhibit
+from drivetool.identify.fit_percent import fit_percent, fit_words
 from drivetool.identify.rounding import only_rounding
 from drivetool.logs.experiment import Experiment
 

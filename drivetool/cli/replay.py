@@ -69,8 +69,8 @@ def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, optio
 
 def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:
     """Measured over simulated motor speed, with the load torque."""
-    from drivetool.identify.compose import fit_words
     from drivetool.identify.estimate import Exhibit
+    from drivetool.identify.fit_percent import fit_words
 
     y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
     return Exhibit(

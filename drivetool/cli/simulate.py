@@ -75,7 +75,7 @@ def _told(found: ModelRun, role: str) -> str:
     """How well one sensor is simulated, in a line."""
     import numpy as np
 
-    from drivetool.identify.compose import fit_percent, fit_words
+    from drivetool.identify.fit_percent import fit_percent, fit_words
 
     y, s = found.measured[role], found.simulated[role]
     rmse = float(np.sqrt(np.nanmean((y - s) ** 2)))

@@ -14,9 +14,10 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
 from drivetool.identify.blackbox_findings import bode, converted_run, findings_of, lacking
-from drivetool.identify.compose import fit_percent, how_it_ended, noise_figures, one_step_percent, record_exhibits
+from drivetool.identify.compose import how_it_ended, noise_figures, one_step_percent, record_exhibits
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered
 from drivetool.identify.options import Options

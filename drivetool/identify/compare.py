@@ -13,9 +13,9 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
-from drivetool.identify.compose import fit_percent
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.greybox import default_free
 from drivetool.identify.options import Options
 from drivetool.identify.pem_figures import figures_of

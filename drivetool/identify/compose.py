@@ -13,6 +13,7 @@ from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.explanation import Explanation, told
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
@@ -26,20 +27,6 @@ from drivetool.identify.told_together import on_the_last, only_ratios, told_toge
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
-
-
-def fit_percent(measured: np.ndarray, modelled: np.ndarray) -> float:
-    """100 (1 - |y - y^| / |y - mean y|) over the samples that both have; NaN for a constant signal."""
-    good = np.isfinite(measured) & np.isfinite(modelled)
-    y, e = measured[good], (measured - modelled)[good]
-    # By its range: rounding of the mean gives a constant signal a variance that is not there.
-    spread = np.linalg.norm(y - y.mean()) if len(y) and np.ptp(y) > 0.0 else 0.0
-    return float(100.0 * (1.0 - np.linalg.norm(e) / spread)) if spread > 0.0 else float("nan")
-
-
-def fit_words(percent: float, digits: str = ".4g") -> str:
-    """'93.12 %', or why there is no figure."""
-    return "undefined (the signal is constant)" if np.isnan(percent) else f"{percent:{digits}} %"
 
 
 def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),

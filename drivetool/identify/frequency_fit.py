@@ -13,8 +13,8 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.compose import fit_percent
 from drivetool.identify.estimate import Estimate, Exhibit
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.frf import Response
 from drivetool.identify.held_response import HeldResponse
 from drivetool.identify.least_squares import Solution, solve

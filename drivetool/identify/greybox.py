@@ -16,7 +16,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
 from drivetool.identify.candidates import candidates_of, why_alone
 from drivetool.identify.channel_doubt import doubted_channels
-from drivetool.identify.compose import compose, fit_percent
+from drivetool.identify.compose import compose
 from drivetool.identify.contact import opened_gaps
 from drivetool.identify.engine import (
     Outcome,
@@ -30,6 +30,7 @@ from drivetool.identify.engine import (
 )
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.explanation import explain
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.engine import free_run
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.least_squares import solve
 from drivetool.identify.motion import SURE, Smoothing
 from drivetool.identify.noise import Noise, filtered
@@ -63,13 +64,9 @@ class Judge:
         """100 (1 - error over that of a constant) of free runs over whole stretches, both as a speed."""
         problem, _, runs = free_run(task, noise=self.noise)
         is_angle = task.roles.outputs[0].endswith("angle")
-        measured, errors = [], []
-        for trace, run in zip(problem.traces, runs, strict=True):
-            measured.append(self._as_speed(trace.outputs[:, 0], trace.step, is_angle))
-            errors.append(self._as_speed(run[:, 0] - trace.outputs[:, 0], trace.step, is_angle))
-        spread = np.nanstd(np.concatenate(measured))
-        error = np.sqrt(np.nanmean(np.concatenate(errors) ** 2))
-        return float(100.0 * (1.0 - error / spread)) if spread > 0.0 else float("nan")
+        measured = [self._as_speed(t.outputs[:, 0], t.step, is_angle) for t in problem.traces]
+        simulated = [self._as_speed(r[:, 0], t.step, is_angle) for r, t in zip(runs, problem.traces, strict=True)]
+        return fit_percent(np.concatenate(measured), np.concatenate(simulated))
 
     def straight(self, task: Task) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
-from drivetool.identify.compose import fit_percent
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.frequency_oe import through_response
 from drivetool.identify.least_squares import solve
 from drivetool.identify.options import Options

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.errors import BadRecording, NotEnoughData
-from drivetool.identify.compose import fit_percent
+from drivetool.identify.fit_percent import fit_percent
 from drivetool.logs.experiment import Experiment
 from drivetool.tune.loop import Loop, Settings
 from drivetool.tune.nonlinear import closed_loop, moving, run

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.drive.chain import one_body
 from drivetool.identify.judge import Judge
 from drivetool.identify.motion import smoothing_of
 from drivetool.identify.noise import Noise
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
 from tests.identify.swing import TRUTH, record, swing, task_of
+from tests.recover import experiment
 
 S = swing()
 ROLES = pytest.mark.parametrize("role", ["motor_speed", "motor_angle"])
@@ -92,3 +96,25 @@ def test_a_slow_sampling_rate_is_judged_as_well(step):
     s = swing(1200, step, parts=((40.0, 0.01, 0.0), (10.0, 0.05, 1.0)))
     error, spread = judged(record(s, step=step), "motor_speed")
     assert error < 0.05 * spread
+
+
+@ROLES
+def test_the_fit_is_that_of_the_speed(role):
+    # Torque-free from a known speed, with viscous friction of another size: two exponentials.
+    time = 2e-3 * np.arange(3000)
+    true, wrong = (30.0 * np.exp(-rate * time) for rate in (0.5, 0.6))
+    angle = 60.0 * (1.0 - np.exp(-0.5 * time))
+    made = replace(experiment(np.zeros(3000), true, step=2e-3), signals={
+        "motor_torque": np.zeros(3000), role: true if role == "motor_speed" else angle})
+    judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+    drive = one_body().with_values({"motor.inertia": 0.02, "motor.viscous": 0.012})
+    found = judge.fit_percent(Task(drive, ("motor.viscous",), roles_of([made], drive), (made,)))
+    # The start state is fitted: the exponential of the wrong rate that is nearest (to the speed, or to its angle).
+    if role == "motor_speed":
+        rows = wrong[:, None]
+        nearest = wrong * np.linalg.lstsq(rows, true, rcond=None)[0]
+    else:
+        rows = np.column_stack([np.ones(3000), 1.0 - np.exp(-0.6 * time)])
+        nearest = 0.6 * np.exp(-0.6 * time) * np.linalg.lstsq(rows, angle, rcond=None)[0][1]
+    expected = 100.0 * (1.0 - np.sqrt(np.mean((true - nearest) ** 2)) / np.std(true))
+    assert found == pytest.approx(expected, abs=0.1)
