@@ -12,7 +12,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
-from drivetool.identify.explanation import Explanation, told
+from drivetool.identify.explanations.explanation import Explanation, told
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under

@@ -14,7 +14,6 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
-from drivetool.identify.candidates import candidates_of, why_alone
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose
 from drivetool.identify.contact import opened_gaps
@@ -29,7 +28,8 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.explanation import explain
+from drivetool.identify.explanations.candidates import candidates_of, why_alone
+from drivetool.identify.explanations.explanation import explain
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options

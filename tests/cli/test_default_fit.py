@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.identify.laws import UNFELT
+from drivetool.identify.explanations.laws import UNFELT
 from tests.simulator.records import write_parquet
 from tests.study.missing_laws.record import draw
 

@@ -6,14 +6,14 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from drivetool.identify import explanation
-from drivetool.identify.candidates import Candidate, Field
-from drivetool.identify.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
-from drivetool.identify.influence import sandwich
-from drivetool.identify.judge import Judge
-from drivetool.identify.motion import Smoothing
+from drivetool.identify.explanations import explanation
+from drivetool.identify.explanations.candidates import Candidate, Field
+from drivetool.identify.explanations.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
+from drivetool.identify.explanations.influence import sandwich
+from drivetool.identify.explanations.judge import Judge
+from drivetool.identify.explanations.motion import Smoothing
+from drivetool.identify.explanations.regression import BLOCKS
 from drivetool.identify.noise import Noise
-from drivetool.identify.regression import BLOCKS
 from drivetool.identify.results import Z95
 
 ALL = {"coloured, laws": 1.0, "white, laws": 1.0, "regression, laws": 1.0, "coloured": 1.0, "white": 1.0,

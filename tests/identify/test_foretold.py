@@ -7,10 +7,10 @@ import pytest
 
 from drivetool.drive.chain import one_body
 from drivetool.identify.engine import by_innovations
-from drivetool.identify.foretold import FOLDS, _sums, foretold, with_laws
-from drivetool.identify.laws import UNFELT, library
-from drivetool.identify.log_noise import likely_noise
-from drivetool.identify.motion import motions_of
+from drivetool.identify.explanations.foretold import FOLDS, _sums, foretold, with_laws
+from drivetool.identify.explanations.laws import UNFELT, library
+from drivetool.identify.explanations.log_noise import likely_noise
+from drivetool.identify.explanations.motion import motions_of
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import one_body
-from drivetool.identify.judge import Judge
-from drivetool.identify.motion import smoothing_of
+from drivetool.identify.explanations.judge import Judge
+from drivetool.identify.explanations.motion import smoothing_of
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.laws import UNFELT, library
-from drivetool.identify.motion import motions_of
+from drivetool.identify.explanations.laws import UNFELT, library
+from drivetool.identify.explanations.motion import motions_of
 from tests.identify.swing import PARTS, record, swing
 
 NONE = (np.zeros(4000),)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.laws import Law, library
-from drivetool.identify.motion import motions_of
-from drivetool.identify.own_parameters import STANDSTILL, nearest_line, within_bounds
+from drivetool.identify.explanations.laws import Law, library
+from drivetool.identify.explanations.motion import motions_of
+from drivetool.identify.explanations.own_parameters import STANDSTILL, nearest_line, within_bounds
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.influence import SLACK, sandwich
-from drivetool.identify.laws import library
-from drivetool.identify.motion import motions_of
-from drivetool.identify.regression import BLOCKS, _solved, regress, regressable
+from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.explanations.laws import library
+from drivetool.identify.explanations.motion import motions_of
+from drivetool.identify.explanations.regression import BLOCKS, _solved, regress, regressable
 from tests.identify.swing import STEP, TRUTH, record, swing, task_of, torque_for
 from tests.recover import experiment
 

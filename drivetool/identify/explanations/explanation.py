@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.identify.candidates import Candidate, Field
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
-from drivetool.identify.influence import SLACK, sandwich
+from drivetool.identify.explanations.candidates import Candidate, Field
+from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.explanations.laws import UNFELT
+from drivetool.identify.explanations.motion import NOISE_SHARE
+from drivetool.identify.explanations.own_parameters import within_bounds
 from drivetool.identify.innovations import Fit
-from drivetool.identify.laws import UNFELT
 from drivetool.identify.least_squares import solve
-from drivetool.identify.motion import NOISE_SHARE
 from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
-from drivetool.identify.own_parameters import within_bounds
 from drivetool.identify.results import ONE_SIDED, Z95, why_on_bound
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Outcome, Task

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.identify.laws import Law
-from drivetool.identify.motion import Motions
+from drivetool.identify.explanations.laws import Law
+from drivetool.identify.explanations.motion import Motions
 from drivetool.identify.task import Task
 
 STANDSTILL = 0.01  # of the top speed: below it friction has no line

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.laws import UNFELT, Law
+from drivetool.identify.explanations.laws import UNFELT, Law
 from drivetool.identify.noise import Noise, filtered, with_state
 from drivetool.identify.problem import Point
 from drivetool.identify.task import Task

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.engine import by_simulation, coloured
-from drivetool.identify.fit_with_laws import likelier, near, with_found_laws
-from drivetool.identify.foretold import with_laws
-from drivetool.identify.influence import influence_of
-from drivetool.identify.judge import Judge, run_length
-from drivetool.identify.laws import Law, library
-from drivetool.identify.log_noise import likely_noise
-from drivetool.identify.motion import Motions, motions_of
-from drivetool.identify.own_parameters import nearest_line
-from drivetool.identify.regression import Regression, regress, regressable
+from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
+from drivetool.identify.explanations.foretold import with_laws
+from drivetool.identify.explanations.influence import influence_of
+from drivetool.identify.explanations.judge import Judge, run_length
+from drivetool.identify.explanations.laws import Law, library
+from drivetool.identify.explanations.log_noise import likely_noise
+from drivetool.identify.explanations.motion import Motions, motions_of
+from drivetool.identify.explanations.own_parameters import nearest_line
+from drivetool.identify.explanations.regression import Regression, regress, regressable
 from drivetool.identify.task import Outcome, Task
 from drivetool.identify.told_together import only_ratios
 

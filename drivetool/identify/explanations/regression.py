@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.identify.laws import Law
-from drivetool.identify.motion import ORDER, Motions
+from drivetool.identify.explanations.laws import Law
+from drivetool.identify.explanations.motion import ORDER, Motions
 from drivetool.identify.task import Task
 from drivetool.logs.zero_phase import low_pass
 
