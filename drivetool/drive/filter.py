@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from numba import njit
 
 from drivetool.drive.compiled import COMPILE, HOT, unit
-from drivetool.drive.events import rough_step
+from drivetool.drive.events import load_on, rough_step
 from drivetool.drive.glide import carrier, filter_glider, stepper
 from drivetool.drive.kernel import fading, forget, predict, stays
 from drivetool.drive.laws import set_hold, slope_of
 from drivetool.drive.modes import lookup
 from drivetool.drive.outputs import output_row
 from drivetool.drive.registers import put, taker, turned
-from drivetool.drive.run import law_part, plain_step, reclassify, reveal
+from drivetool.drive.run import hold_back, law_part, plain_step, reclassify, reveal
 from drivetool.drive.smooth import law_motion, law_transition
 from drivetool.drive.smooth_events import law_rough_step
 from drivetool.drive.system import MADE_FOR, NARROW
 from drivetool.drive.views import CACHE, FILTERING, LAWS, REAL, REALS, SYSTEM, WHOLE
+
+FIRM = 5.0  # standard deviations of torque that hold a body for good: noise exceeds them once in 3e6 samples
 
 
 @njit(**COMPILE)
@@ -104,6 +107,59 @@ def advance_covariance(p, f, noise, q, extra, t):
             p[j, k] = v
             p[k, j] = v
         p[j, j] += extra[j]
+
+
+@njit(**COMPILE)
+def excess(a):
+    """E[(z - a)^2; z > a] = (1 + a^2) Q(a) - a f(a) of a normal z, Q and f its tail and density."""
+    tail, density = 0.5 * math.erfc(a / math.sqrt(2.0)), math.exp(-0.5 * a * a) / math.sqrt(2.0 * math.pi)
+    return (1.0 + a * a) * tail - a * density
+
+
+@njit(**COMPILE)
+def loosen(s, c, k, mode, x, u, p, before, q, h):
+    """Let noise move what sticks: covariance p of a sample of h seconds, at whose end bodies stick.
+
+    Of a torque of standard deviation d, friction takes away what it lacks, m, to the friction's level on each side.
+    What is left accelerates the body: E[(d z - m)^2; d z > m] = d^2 excess(m / d), z normal.
+    A speed of variance v that a body may have had is braked as by the viscous friction m sqrt(2 / (pi v)), its
+    statistical linearisation (Booton 1954).
+
+    k  slot of the mode; u inputs of the sample; before (bodies that may stick,) variances of their speeds before it
+    """
+    n = p.shape[0]
+    for f in range(s.nf):
+        if mode[s.ng + f] != 1:
+            continue
+        net, row, level = c.net[k, f], s.slip_rows[f], c.hold[f, 0]
+        variance = q * net[x.size] ** 2
+        for j in range(n):
+            for m in range(n):
+                variance += net[j] * p[j, m] * net[m]
+        d, pushed = math.sqrt(max(variance, 0.0)), 0.0
+        margin = max(level - abs(load_on(net, x, u)), 0.0)
+        if margin < FIRM * d:
+            both = excess(margin / d) + excess((2.0 * level - margin) / d)
+            pushed = variance * both * (h / s.mass[row, 0]) ** 2
+        rest = 0.0
+        if before[f] > 0.0:
+            rest = math.exp(-margin * math.sqrt(2.0 / (math.pi * before[f])) * h / s.mass[row, 0])
+        if pushed <= 0.0 and rest < 1e-6:
+            continue
+        went = 0.5 * pushed + 0.5 * rest * (1.0 + rest) * before[f]
+        way = 0.25 * pushed + 0.25 * (1.0 + rest) ** 2 * before[f]
+        for j in range(n):
+            if j == row:
+                p[row, row] += pushed + rest * rest * before[f]
+                continue
+            g = s.rows[j, row, 0] / s.mass[j, 0] * h
+            if g == 0.0:
+                continue
+            p[j, row] += g * went
+            p[row, j] = p[j, row]
+            for m in range(n):
+                if m != row:
+                    p[j, m] += g * s.rows[m, row, 0] / s.mass[m, 0] * h * way
 
 
 # Units for the sake of those that are made for so many states.
@@ -255,6 +311,8 @@ def filter_through(s, c, laws, f, q, clock, glide, step, carry):
         if laws is not None:
             reveal(s, laws, x, clock, mode, moved)
         correct(laws, outputs, spring, reach, output_gap, picks, mode, y, r, p, x, i, row, k, gain, var, innov)
+        if s.nf > 0:
+            hold_back(s, c, number, mode, x, u[i], length, moved)
         if n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             number = -1
         if states.shape[0] > 0:
@@ -272,12 +330,16 @@ def filter_through(s, c, laws, f, q, clock, glide, step, carry):
         for j in range(nx):
             noise[j] += kick[j]
         forget(memory, fades, x, moved)
+        for m in range(s.nf):
+            k[m] = p[s.slip_rows[m], s.slip_rows[m]]
         if laws is not None:
             spread(laws.spread, p, moved, noise, q, extra, t)
         elif carry is not None:
             carry(p, moved, noise, q, extra)
         else:
             advance_covariance(p, moved, noise, q, extra, t)
+        if s.nf > 0:
+            loosen(s, c, number, mode, x, u[i], p, k, q, length)
         i += 1
 
 

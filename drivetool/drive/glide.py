@@ -205,6 +205,9 @@ def filter_glider(n: int) -> Callable:
     @njit(**HOT)
     def glide(s, c, f, k, q, i):
         e, rows, looks, mode, x = c.leap[k], c.watch[k], c.looks[k], f.mode, state(f.x, 0, 1)
+        for d in range(s.ng, mode.size):
+            if mode[d] == 1:  # noise may break it loose
+                return i
         p, kick = half_of(f.p, x), state(f.kick, 0, 1)
         u, y, variance, extra, gain, var, innov, states = f.u, f.y, f.r, f.extra, f.gain, f.var, f.innov, f.states
         noise = corrected(state(e, n, n + 2), kick, 1.0)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from numba import njit
 
 from drivetool.drive.compiled import APART, COMPILE, HOT, unit
-from drivetool.drive.events import rough_step, switch_late
+from drivetool.drive.events import load_on, rough_step, switch_late
 from drivetool.drive.glide import glider, stepper, write_row
 from drivetool.drive.kernel import classify, fading, forget, guard_values, predict, propagate, stays
 from drivetool.drive.laws import set_hold
@@ -17,6 +18,8 @@ from drivetool.drive.smooth import law_step
 from drivetool.drive.smooth_events import law_rough_step, show
 from drivetool.drive.system import MADE_FOR
 from drivetool.drive.views import CACHE, LAWS, PASS, REAL, SYSTEM, WHOLE
+
+MOMENT = 0.1  # of a sample: what moves for that long goes a hundredth as far as what friction stops in a sample
 
 
 @njit(**APART)
@@ -35,6 +38,23 @@ def reclassify(spring, slip_rows, reach, x, mode, old):
     """Set the mode from the state, after a jump; returns whether it changed."""
     guard_values(spring, slip_rows, x, old)
     return classify(reach, old, mode)
+
+
+@njit(**COMPILE)
+def hold_back(s, c, k, mode, x, u, h, big):
+    """Let bodies go on sticking whose corrected speed friction takes back in a moment: that is no motion.
+
+    k  slot of the mode before the correction, or -1; u inputs of the sample of h seconds; big sensitivities
+    """
+    for f in range(s.nf):
+        row = s.slip_rows[f]
+        if mode[s.ng + f] == 1 and x[row] != 0.0:
+            k = lookup(s, c, mode, 0) if k < 0 else k
+            left = c.hold[f, 0] - math.copysign(1.0, x[row]) * load_on(c.net[k, f], x, u)
+            if abs(x[row]) * s.mass[row, 0] < MOMENT * h * left:
+                x[row] = 0.0
+                for q in range(big.shape[1]):
+                    big[row, q] = 0.0
 
 
 @njit(**HOT)
@@ -111,7 +131,7 @@ def go_through(s, c, laws, p, clock, glide, step):
     if p.fresh != 0:
         reclassify(spring, slip_rows, reach, x, mode, guards)
     observed, fades, located, first, last = gain.shape[0] > 0, fading(memory), 0, -1, -1
-    glides, i = parts == 1 and c.late == 0, 0
+    glides, i, length = parts == 1 and c.late == 0, 0, s.spans.sum()
     while i < u.shape[0]:
         if glide is not None and glides:
             first = slots(s, c, mode)[0] if first < 0 else first
@@ -124,6 +144,8 @@ def go_through(s, c, laws, p, clock, glide, step):
         if laws is not None:
             reveal(s, laws, x, clock, mode, big)
         observe(outputs, spring, reach, output_gap, picks, mode, y, gain, weight, i, x, big, row, col, out, jac)
+        if observed and s.nf > 0:
+            hold_back(s, c, first, mode, x, u[i], length, big)
         if observed and n > 0 and reclassify(spring, slip_rows, reach, x, mode, guards):
             first = -1
         for part in range(parts):

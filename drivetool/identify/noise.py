@@ -88,7 +88,12 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
             else:
                 kick[-1] = (noise.slow - 1.0) * (1.0 - noise.memory)
                 covariance[-1, -1] = white * kick[-1] ** 2 / (1.0 - noise.memory**2)
-        passes.append(_told(plant.filter(t, start, noise.scale**2, white, extra, covariance, keep, kick), t))
+        # Whether noise breaks loose what sticks depends on its size.
+        unit = problem.sensor_std**2
+        found = plant.filter(t, start, unit * noise.scale**2, unit * white, unit * extra, unit * covariance, keep,
+                             kick)
+        gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
+        passes.append(_told(replace(found, gains=gains, variance=found.variance / unit), t))
     return passes
 
 

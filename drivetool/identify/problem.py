@@ -48,7 +48,7 @@ class Problem:
     names      of the k free parameters; low, high, size: bounds and typical size of each
     traces     stretches of record
     free_start index of the states whose start value is estimated
-    scale      (ny,) sensor standard deviations relative to the first output
+    scale      (ny,) sensor standard deviations relative to the first output, which is sensor_std
     memory     correlation of the torque disturbance state from sample to sample, or None
     later      (k,) parameters to leave alone in the first round of a fit
     bodies     number of bodies, whose speeds are the first states
@@ -74,6 +74,7 @@ class Problem:
     anchored: tuple[int, ...] = ()
     lag: int = 0
     states: tuple[str, ...] = ()
+    sensor_std: float = 1.0
 
     @property
     def count(self) -> int:

@@ -137,14 +137,15 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     quantities = [drive.quantity(n) for n in free]
     seen = any(role.endswith("angle") for role in roles.outputs)
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
+    stds = sensor_stds(traces)
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
-        np.array([q.scale for q in quantities]), tuple(traces), np.arange(plain.nx), sensor_scales(traces),
+        np.array([q.scale for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
         later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
         by_record=load_step.only_in(drive.values),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
-        states=tuple(plain.states))
+        states=tuple(plain.states), sensor_std=float(stds[0]))
 
 
 def _felt_in(drive: Drive, trace: Trace) -> Drive:
@@ -168,8 +169,8 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
     return replace(problem_of(drive, free, roles, traces), build=build)
 
 
-def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
-    """(ny,) first guess of the sensors' std relative to the first, from third differences.
+def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
+    """(ny,) first guess of the sensors' std, from third differences.
 
     They remove what a drive does smoothly between samples and leave the white noise. Of a sensor that has a value
     at every fourth sample, say, they are taken over the values that there are.
@@ -183,7 +184,7 @@ def sensor_scales(traces: Sequence[Trace]) -> np.ndarray:
         d = d[np.isfinite(d)]
         spread[m] = np.sqrt(np.mean(d**2) / 20.0) if len(d) else 0.0
     spread[spread <= 0.0] = max(spread.max(), 1e-12)
-    return spread / spread[0]
+    return spread
 
 
 def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],
