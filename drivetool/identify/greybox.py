@@ -76,7 +76,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     alone = why_alone(white) if options.criterion == "auto" else ""
     explanation = None
     if options.criterion == "auto" and not alone:
-        explanation = explain(candidates_of(white.task, white), white.task)
+        explanation = explain(candidates_of(white, options.hold))
         alone = "" if explanation else "no other explanation of the record can be simulated"
     if explanation is not None:
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)

@@ -72,7 +72,8 @@ def field(**off):
     names = {"cl": "coloured, laws", "wl": "white, laws", "rl": "regression, laws", "f": "free runs, laws"}
     one = candidate([1.0, 2.0])
     candidates = dict.fromkeys(ALL, one) | {names[k]: candidate(v) for k, v in off.items()}
-    return Field(MappingProxyType(candidates), (), Judge(Smoothing(0.2, 0.0), Noise(1.0, None, np.ones(1))), None)
+    judge = Judge(Smoothing(0.2, 0.0), Noise(1.0, None, np.ones(1)))
+    return Field(MappingProxyType(candidates), (), judge, {}, None)
 
 
 def test_there_is_no_structure_where_all_agree():

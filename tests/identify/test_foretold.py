@@ -8,7 +8,7 @@ import pytest
 from drivetool.drive.chain import one_body
 from drivetool.identify.engine import by_innovations
 from drivetool.identify.explanations.foretold import FOLDS, _sums, foretold, with_laws
-from drivetool.identify.explanations.laws import UNFELT, library
+from drivetool.identify.explanations.laws import UNFELT, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
 from drivetool.identify.explanations.motion import motions_of
 from drivetool.identify.noise import filtered
@@ -33,8 +33,8 @@ def drawn(*args):
 
 
 def every(task):
-    role = task.roles.outputs[0]
-    return library(motions_of(task.experiments, role), True, likely_noise(task.experiments, "motor_torque"))
+    seen = motions_of(task.experiments, task.roles.outputs[0])
+    return [*unfelt(likely_noise(task.experiments, "motor_torque")), *library(seen, True)]
 
 
 def searched(task):

@@ -43,7 +43,7 @@ def test_two_recordings_are_fitted_together_and_tell_more_than_one():
     both = greybox([one, replace(two, name="second")], start(), Options())
     square, limit = joint_error(both, truth(MACHINE))
     assert square < limit
-    std = {e: {p.name: p.std for p in est.parameters} for e, est in (("one", single), ("both", both))}
+    std = {e: {p.name: p.std_noise for p in est.parameters} for e, est in (("one", single), ("both", both))}
     for name in SHAPE:
         assert std["both"][name] < 0.9 * std["one"][name]
     assert [name for name, _ in both.data] == ["simulated", "second"]
@@ -59,7 +59,7 @@ def test_held_parameter_keeps_its_value_and_the_others_move():
 
 
 def test_both_criteria_are_reported_and_agree_where_the_model_is_right():
-    fit = greybox([linear_record(MACHINE, 51)], start(), Options()).fit
+    fit = greybox([linear_record(MACHINE, 51)], start(), Options(criterion="innovations")).fit
     ours = fit["held_out_simulation_fit_percent_by_innovations"]
     theirs = fit["held_out_simulation_fit_percent_by_simulation"]
     assert ours > 95.0 and abs(ours - theirs) < 1.0

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.explanations.laws import Law, library
+from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.motion import motions_of
 from drivetool.identify.explanations.own_parameters import STANDSTILL, nearest_line, within_bounds
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()
 SEEN = motions_of([record(S)], "motor_speed")
-LAWS = {law.name: law for law in library(SEEN, True, (np.random.default_rng(1).standard_normal(4000),))}
+LAWS = {law.name: law for law in (*library(SEEN, True), *unfelt((np.random.default_rng(1).standard_normal(4000),)))}
 FACTOR = 0.15
 
 
@@ -18,7 +18,7 @@ def own(*names, task=None, factors=None, seen=SEEN, laws=LAWS):
     chosen = [laws[n] for n in names]
     width = sum(law.size for law in chosen)
     task = task or task_of(record(S))
-    return dict(zip(task.free, nearest_line(task, chosen, seen) @ np.concatenate(
+    return dict(zip(task.free, nearest_line(task, chosen, {"motor": seen}) @ np.concatenate(
         [[TRUTH[n] for n in task.free], np.full(width, FACTOR) if factors is None else factors]), strict=True))
 
 
@@ -55,7 +55,7 @@ def test_the_idle_torque_has_the_mean_of_what_differs_by_direction():
 def test_the_inertia_has_its_mean_over_the_angles():
     narrow = swing(parts=((0.8, 1.0, 0.0),))
     seen = motions_of([record(narrow, "motor_angle")], "motor_angle")
-    laws = {law.name: law for law in library(seen, True, (np.zeros(4000),))}
+    laws = {law.name: law for law in library(seen, True)}
     law = laws["inertia changes with the angle"]
     found = own(law.name, seen=seen, laws=laws, factors=[FACTOR, 0.0], task=task_of(record(narrow, "motor_angle")))
     assert found == pytest.approx(
@@ -80,11 +80,12 @@ def test_with_one_direction_the_idle_torque_is_the_level_of_friction():
 
 def test_of_friction_that_falls_over_the_speed_the_nearest_level_is_left():
     task, m = task_of(record(S)), SEEN.each[0]
-    found = within_bounds(task, np.array([0.02, -0.01, 0.4, 0.1]), SEEN)
+    found = within_bounds(task, np.array([0.02, -0.01, 0.4, 0.1]), {"motor": SEEN})
     moving = np.abs(m.speed) > STANDSTILL * SEEN.top
     nearest = np.mean(0.4 - 0.01 * np.abs(m.speed[moving]))  # the constant of least squares
     assert found == pytest.approx([0.02, 0.0, nearest, 0.1], rel=1e-2)
-    assert within_bounds(task, np.array([0.02, 0.05, 0.4, -3.0]), SEEN) == pytest.approx([0.02, 0.05, 0.4, -3.0])
+    inside = np.array([0.02, 0.05, 0.4, -3.0])
+    assert within_bounds(task, inside, {"motor": SEEN}) == pytest.approx(inside)
     low = task.drive.quantity("motor.inertia").bounds[0]
-    found = within_bounds(task, np.array([-1.0, 0.05, -0.4, 0.1]), SEEN)
+    found = within_bounds(task, np.array([-1.0, 0.05, -0.4, 0.1]), {"motor": SEEN})
     assert found == pytest.approx([low, 0.05, 0.0, 0.1])

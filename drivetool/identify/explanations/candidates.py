@@ -6,26 +6,26 @@ not asked at all (regression, free runs). Each is fitted with the laws and witho
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.identify.engine import by_simulation, coloured
+from drivetool.identify.engine import by_innovations, by_simulation, coloured
 from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.explanations.foretold import with_laws
 from drivetool.identify.explanations.influence import influence_of
 from drivetool.identify.explanations.judge import Judge, run_length
-from drivetool.identify.explanations.laws import Law, library
+from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
-from drivetool.identify.explanations.motion import Motions, motions_of
+from drivetool.identify.explanations.motion import Motions, motions_of, motions_through
 from drivetool.identify.explanations.own_parameters import nearest_line
 from drivetool.identify.explanations.regression import Regression, regress, regressable
-from drivetool.identify.task import Outcome, Task
+from drivetool.identify.noise import filtered
+from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.identify.told_together import only_ratios
 
 FEWEST = 200  # measured values in a row: sixteen blocks of a dozen
-IDLE = "motor.idle_torque"
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,24 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Field:
-    """All candidates of a record by name, the laws that were found, the judge, and the motion."""
+    """All candidates of a record by name.
+
+    laws  that were found; judge: of the candidates; seen: the motion of each body
+    task  of the drive without laws; what a law stands for that is a parameter is free
+    """
 
     candidates: Mapping[str, Candidate]
     laws: tuple[Law, ...]
     judge: Judge
-    seen: Motions
+    seen: Mapping[str, Motions]
+    task: Task
 
 
 def why_alone(white: Outcome) -> str:
     """Why a record has one explanation only, the innovations fit; empty where several are tried."""
     task = white.task
-    if len(task.drive.bodies) > 1:
-        return "other explanations are tried on drives of one body so far"
+    if has_gap(task):
+        return "other explanations are tried on drives without a gap so far"
     if white.fit is None or "motor.inertia" not in task.free:
         return "the inertia is held"
     if not any(_longest(e.signals[task.roles.outputs[0]]) >= FEWEST for e in task.experiments):
@@ -81,24 +86,33 @@ def _longest(values: np.ndarray) -> int:
     return int(np.diff(np.concatenate([[-1], missing, [len(values)]])).max()) - 1
 
 
-def candidates_of(task: Task, white: Outcome) -> Field:
+def candidates_of(white: Outcome, held: Sequence[str] = ()) -> Field:
     """Fit them all.
 
-    task   without laws; white: its fit by innovations with white torque noise
+    white  the fit without laws, by innovations with white torque noise
+    held   names of parameters that may not be freed
     """
+    task = white.task
     seen, linear = motions_of(task.experiments, task.roles.outputs[0]), regressable(task)
     plain = regress(task, seen) if linear else None
     white = likelier(white, plain) if plain else white
     found = {"white": white, "coloured": coloured(white)}
-    every = library(seen, task.drive.motion_unit == "rad", likely_noise(task.experiments, "motor_torque"))
-    laws, best = with_found_laws(found["coloured"], every, seen, linear)
+    while True:
+        motions = motions_of_bodies(found["coloured"], seen)
+        every = [law for law in laws_of(task, motions) if law.parameter not in (*held, *task.free)]
+        laws, best = with_found_laws(found["coloured"], every, seen, linear)
+        freed = [law.parameter for law in laws if law.parameter]
+        if not freed:
+            break
+        white = freed_too(white, freed)
+        task, found = white.task, {"white": white, "coloured": coloured(white)}
     with_them = regress(task, seen, laws) if linear and laws else plain
     if laws and best.fit.noise.memory is None:
         found |= {"white, laws": best, "coloured, laws": coloured(best)}
     elif laws:
         start = near(best.task.at_point(best.solution.point), white)
         found |= {"white, laws": likelier(start, with_them) if with_them else start, "coloured, laws": best}
-    line = nearest_line(task, laws, seen)
+    line = nearest_line(task, laws, motions)
     candidates = {name: _of_fit(outcome, line) for name, outcome in found.items()}
     if plain and with_them:
         candidates["regression"] = _of_regression(plain, task, (), line)
@@ -107,7 +121,42 @@ def candidates_of(task: Task, white: Outcome) -> Field:
     if not laws:
         candidates |= {f"{name}, laws": c for name, c in candidates.items()}
     candidates["free runs, laws"] = _of_free_runs(best, seen, line)
-    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), seen)
+    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), motions, task)
+
+
+def freed_too(white: Outcome, names: Sequence[str]) -> Outcome:
+    """The fit with further parameters free, from everywhere: without them it may have gone astray."""
+    task = white.task.at_point(white.solution.point)
+    guess = {n: task.drive.values.get(f"{task.drive.bodies[0]}.{n.partition('.')[2]}", 0.0) for n in names}
+    free = tuple(n for n in task.drive.quantities if n in {*task.free, *names})
+    return by_innovations(replace(task.at(guess), free=free), [{}])
+
+
+def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
+    """The motion of each body, by its own sensor or by the states of a fit; seen: that of the motor."""
+    task, found = outcome.task, {outcome.task.drive.bodies[0]: seen}
+    measured = {}
+    for role in task.roles.outputs[1:]:
+        owner, _, kind = role.rpartition("_")
+        if kind in ("speed", "angle") and any(_longest(e.signals[role]) >= FEWEST for e in task.experiments):
+            measured[task.drive.load if owner == "load" else owner] = role
+    passes = None
+    for place, body in enumerate(task.drive.bodies[1:], 1):
+        if body in measured:
+            found[body] = motions_of(task.experiments, measured[body])
+            continue
+        passes = passes or filtered(outcome.problem, outcome.solution.point, outcome.fit.noise)
+        found[body] = motions_through(task.experiments, [f.states[:, place] for f in passes], seen)
+    return found
+
+
+def laws_of(task: Task, motions: Mapping[str, Motions]) -> list[Law]:
+    """Every law on every body."""
+    found = list(unfelt(likely_noise(task.experiments, "motor_torque")))
+    for body, seen in motions.items():
+        among = f", on the {body}" if len(motions) > 1 else ""
+        found += library(seen, task.drive.motion_unit == "rad", body, among)
+    return found
 
 
 def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
@@ -119,9 +168,9 @@ def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
 def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; that of the drive stays as it was before."""
     start = best.task.at_point(best.solution.point)
-    fitted = tuple(n for n in start.free if n != IDLE)
+    fitted = tuple(n for n in start.free if not n.endswith(".idle_torque"))
     outcome = by_simulation(replace(start, free=fitted), run_length(start), [{}], near=True, lag=seen.lag,
-                            own=IDLE in start.free)
+                            own=len(fitted) < len(start.free))
     _, influence = influence_of(best)
     _, influence[:, [start.free.index(n) for n in fitted]] = influence_of(outcome)
     values = np.array([outcome.drive.values[n] for n in start.free])

@@ -77,11 +77,9 @@ class Explanation:
     worthless: bool
 
 
-def explain(field: Field, task: Task) -> Explanation | None:
-    """Choose among the candidates; None where none of them can be simulated.
-
-    task  without laws
-    """
+def explain(field: Field) -> Explanation | None:
+    """Choose among the candidates; None where none of them can be simulated."""
+    task = field.task
     measured = any(e.torque_is == "measurement" for e in task.experiments) and "regression" in field.candidates
     # Without laws a candidate stands under two names.
     known = {id(c): _error(field, c) for c in {id(c): c for c in field.candidates.values()}.values()}
@@ -209,7 +207,8 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
     elif kind == "free runs":
         why = f"the free runs of the next best explanation err more than {REFUTED:g} times as much"
     else:
-        over = errors[name] / min(e for n, e in errors.items() if n != "free runs, laws")
+        least = min(e for n, e in errors.items() if n != "free runs, laws")
+        over = errors[name] / least if least > 0.0 else 1.0
         why = f"its free runs of a second err {over:.2f} times as much as the best of all explanations"
     text = f"{taken}{left}; {why}."
     return text[0].upper() + text[1:]

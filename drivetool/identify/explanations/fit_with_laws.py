@@ -25,9 +25,10 @@ ELSEWHERE = 3.0  # standard deviations between a fit and the regression from whi
 
 def with_found_laws(plain: Outcome, every: Sequence[Law], seen: Motions, linear: bool,
                     ) -> tuple[tuple[Law, ...], Outcome]:
-    """(the laws that the motion foretells, the fit with them).
+    """(the laws that the motion foretells, the fit with them); where one is a parameter, that alone and no fit.
 
     plain   the likeliest fit without laws: its errors are the whitest, so that their likelihood counts
+    seen    the motion of the motor
     linear  whether a regression can be made
     """
     laws: tuple[Law, ...] = ()
@@ -35,10 +36,12 @@ def with_found_laws(plain: Outcome, every: Sequence[Law], seen: Motions, linear:
     for _ in range(ROUNDS):
         more, factors = foretold(best.task, best.solution.point, best.fit.noise,
                                  [law for law in every if law not in laws], MOST - len(laws))
+        if freed := tuple(law for law in more if law.parameter):
+            return freed, plain
         if not more:
             break
         laws += tuple(more)
-        best = near(with_laws(best.task.at_point(best.solution.point), more, factors=factors), best, QUICK)
+        best = near(with_laws(best.task.at_point(best.solution.point), more, factors), best, QUICK)
         best = likelier(best, regress(plain.task, seen, laws)) if linear else best
     return laws, best if best.converged else near(best.task.at_point(best.solution.point), best)
 

@@ -24,12 +24,13 @@ MOST = 5
 BATCH = 8  # columns whose sensitivities are worked out in one pass
 
 
-def with_laws(task: Task, laws: Sequence[Law], body: str = "motor", factors: Sequence[float] | None = None) -> Task:
-    """The task with further laws as known torques of free factors, named motor.law1 and so on."""
+def with_laws(task: Task, laws: Sequence[Law], factors: Sequence[float] | None = None) -> Task:
+    """The task with further laws as known torques of free factors, named motor.law1 and so on by their body."""
     if not laws:
         return task
     there, more = task.drive.known_torques, sum(law.size for law in laws)
-    names = tuple(f"{body}.law{len(there) + i + 1}" for i in range(more))
+    bodies = [law.body for law in laws for _ in range(law.size)]
+    names = tuple(f"{body}.law{len(there) + i + 1}" for i, body in enumerate(bodies))
     factors = np.zeros(more) if factors is None else factors
     drive = replace(task.drive, known_torques=(*there, *names),
                     values={**task.drive.values, **dict(zip(names, map(float, factors), strict=True))})

@@ -34,8 +34,8 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         weight = None if gains else 1.0 / problem.scale
         parts = plant.sensitivities(trace, point.starts[i], gains[i] if gains else None, weight)
         if problem.lag:
-            rows = problem.differenced(parts, trace)
-            parts = [(slice(0, len(rows)), rows[:, None])]
+            rows = problem.differenced(parts, trace).reshape(trace.size - problem.lag, -1, s.ns)
+            parts = [(slice(0, len(rows)), rows)]
         for part, rows in parts:
             block = (done + np.arange(part.start, part.stop)) * BLOCKS // count
             for b in np.unique(block):

@@ -28,19 +28,23 @@ UNFELT = "the drive does not feel the noise of the logged torque"
 
 @dataclass(frozen=True)
 class Law:
-    """A torque that brakes the motor, over its motion.
+    """A torque that brakes a body, over its motion.
 
     name     words for a person
     columns  one array (n, m) per experiment, of size one; NaN outside its segments
-    of       what of the drive it is a part of: friction that is alike in both directions, inertia, or the idle
+    of       what of the body it is a part of: friction that is alike in both directions, inertia, or the idle
              torque, of which it has the mean; or nothing
     inertia  (m,) of which it has this share
+    body     that it brakes
+    parameter  of the drive that it is, to be freed in its place
     """
 
     name: str
     columns: tuple[np.ndarray, ...]
     of: Part
     inertia: np.ndarray | None = None
+    body: str = "motor"
+    parameter: str = ""
 
     @property
     def size(self) -> int:
@@ -48,19 +52,28 @@ class Law:
         return self.columns[0].shape[1]
 
 
-def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
-    """Every law over the motion of the motor.
+def unfelt(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
+    """Noise of the log of the motor's torque as a law, if there is any.
+
+    noise  per experiment (n,) what is likely to be noise of the logged torque
+    """
+    size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
+    return (Law(UNFELT, tuple(n[:, None] / size for n in noise), "nothing"),) if size > 0.0 else ()
+
+
+def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") -> tuple[Law, ...]:
+    """Every law over the motion of a body.
 
     turns  whether it turns, so that its torque may repeat with the angle
-    noise  per experiment (n,) what is likely to be noise of the logged torque
+    body   whose motion it is
+    among  what is added to the names, so that they say which body it is
     """
     motions, top = seen.each, seen.top
     longest = max(m.time[-1] - m.time[0] for m in motions)
-    size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
-    found = [Law(UNFELT, tuple(n[:, None] / size for n in noise), "nothing")] if size > 0.0 else []
+    found = []
 
     def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
-            part: Part = "idle torque", inertia: np.ndarray | None = None) -> None:
+            part: Part = "idle torque", inertia: np.ndarray | None = None, parameter: str = "") -> None:
         columns = []
         for m in motions:
             passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
@@ -68,11 +81,13 @@ def library(seen: Motions, turns: bool, noise: Sequence[np.ndarray]) -> tuple[La
         size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
         if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
             share = None if inertia is None else inertia / size
-            found.append(Law(name, tuple(c / size for c in columns), part, share))
+            found.append(Law(name + among, tuple(c / size for c in columns), part, share, body, parameter))
 
     if turns_back(motions):
         law("friction differs by direction", lambda m, v, t: [np.abs(v)])
         law("friction changes with time", lambda m, v, t: [t * m.side])
+    if body != "motor":
+        law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
     law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
     for w in WIDTHS:
         law(f"Stribeck friction below {w:g} of the top speed",

@@ -6,7 +6,7 @@ A torque is held from a sample to the next, so every figure here is a mean over 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -130,8 +130,7 @@ def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: floa
     """The motion of the body with that sensor; top: speed of the fastest recording."""
     e, n = experiment, experiment.size
     smooth = low_pass(e.signals[role], e.segments, smoothing.cutoff, ORDER)
-    found = {name: np.full(n, np.nan) for name in ("speed", "acceleration", "angle", "side")}
-    known = np.zeros(n, bool)
+    found, known = _nowhere(n), np.zeros(n, bool)
     for first, last in e.segments:
         part, measured = slice(first, last), np.isfinite(smooth[first:last])
         if measured.sum() < 4:
@@ -142,14 +141,48 @@ def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: floa
         if role.endswith("angle"):
             mean = _held(np.diff(y) / e.step)
             ends = np.concatenate([mean[:1], 0.5 * (mean[1:] + mean[:-1])])  # speed at the samples
-            angle = _held(0.5 * (y[1:] + y[:-1]))
+            _fill(found, part, ends, e.step)
+            found["speed"][part], found["angle"][part] = mean, _held(0.5 * (y[1:] + y[:-1]))
         else:
-            mean, ends = _held(0.5 * (y[1:] + y[:-1])), y
-            turned = np.nancumsum(mean) * e.step
-            angle = turned - 0.5 * mean * e.step
-        found["speed"][part], found["angle"][part] = mean, angle
-        found["acceleration"][part] = _held(np.diff(ends) / e.step)
-        found["side"][part] = _held(_side(ends))
+            _fill(found, part, y, e.step)
+    return _motion(found, e, smoothing, top, known)
+
+
+def motions_through(experiments: Sequence[Experiment], speeds: Sequence[np.ndarray], measured: Motions) -> Motions:
+    """The motion of a body that no sensor is on, by its speed at the samples.
+
+    speeds    per stretch (n,)
+    measured  of the motor: what the sensor's noise leaves unknown there is unknown here
+    """
+    top = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
+    each, left = [], list(speeds)
+    for e in experiments:
+        found, known = _nowhere(e.size), np.zeros(e.size, bool)
+        for first, last in e.segments:
+            # A stretch too short for a trace has no state.
+            if left and len(left[0]) == last - first:
+                part = slice(first, last)
+                _fill(found, part, left.pop(0), e.step)
+                known[part] = True
+        each.append(_motion(found, e, measured.smoothing, top, known))
+    return replace(measured, each=tuple(each), top=top)
+
+
+def _nowhere(n: int) -> dict[str, np.ndarray]:
+    return {name: np.full(n, np.nan) for name in ("speed", "acceleration", "angle", "side")}
+
+
+def _fill(found: dict[str, np.ndarray], part: slice, ends: np.ndarray, step: float) -> None:
+    """Fill a stretch of a motion by the speed at the samples."""
+    mean = _held(0.5 * (ends[1:] + ends[:-1]))
+    found["speed"][part] = mean
+    found["angle"][part] = np.cumsum(mean) * step - 0.5 * mean * step
+    found["acceleration"][part] = _held(np.diff(ends) / step)
+    found["side"][part] = _held(_side(ends))
+
+
+def _motion(found: dict[str, np.ndarray], e: Experiment, smoothing: Smoothing, top: float,
+            known: np.ndarray) -> Motion:
     slow = ~(np.abs(found["speed"]) > max(SURE * smoothing.speed_noise, STANDS * top))
     return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known)
 
