@@ -137,8 +137,8 @@ def _gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
         return outcome.task, None
     size = float(np.sqrt(np.mean(shaft_torque(outcome) ** 2)))
     begun = _opened(outcome, size, NEXT_TO_NONE)
-    found = [(begun, _fitted(begun, _point(begun, outcome), outcome.fit.noise))]
-    if looks_coloured(outcome.fit.passes):
+    found = [(begun, _fitted(begun, _point(begun, outcome), outcome.fit.noise, outcome.fit.value))]
+    if looks_coloured(white.fit.passes):  # of noise with a memory a gap may leave nothing to be seen
         for share in HIDDEN:
             begun = _opened(white, size, share)
             found.append((begun, _cooled(begun)))
@@ -175,7 +175,8 @@ def _third_mass(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
     What leaves some is not what the model lacks: a rich enough model takes up a share of any other lack.
     """
     for base in (outcome, white) if looks_coloured(outcome.fit.passes) else (outcome,):
-        found = [_with_noise_of(outcome, task, fit) for task, fit in _split(base) if fit is not None]
+        found = [_with_noise_of(outcome, task, fit) for task, fit in _split(base, outcome.fit.value)
+                 if fit is not None]
         if not found:
             continue
         task, fit = min(found, key=lambda f: f[1].value)
@@ -186,8 +187,11 @@ def _third_mass(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
     return outcome.task, None
 
 
-def _split(base: Outcome) -> list[tuple[Task, Fit | None]]:
-    """From the frequencies at which a trace of a third mass promises most as it grows."""
+def _split(base: Outcome, wanted: float) -> list[tuple[Task, Fit | None]]:
+    """From the frequencies at which a trace of a third mass promises most as it grows.
+
+    wanted  -log likelihood: what is far above it after two rounds is given up
+    """
     plain, step, noise = base.task.at_point(base.solution.point), base.problem.traces[0].step, base.fit.noise
     names, looks = tip_names(plain.drive), []
     for times in TIMES:
@@ -200,7 +204,7 @@ def _split(base: Outcome) -> list[tuple[Task, Fit | None]]:
             continue
         looks.append((growth > 0.0, gain, float(np.clip(TRACE * (1.0 + growth), *SPLIT)), times))
     begun = [split_off(plain, step, share, times, BROAD) for _, _, share, times in sorted(looks)[-PROMISING:]]
-    return [(task, _fitted(task, _point(task, base), noise)) for task in begun]
+    return [(task, _fitted(task, _point(task, base), noise, wanted)) for task in begun]
 
 
 def _point(task: Task, base: Outcome) -> Point:
@@ -213,9 +217,9 @@ def _point(task: Task, base: Outcome) -> Point:
     return Point(np.array([task.drive.value(n) for n in task.free], float), starts)
 
 
-def _fitted(task: Task, point: Point, noise: Noise) -> Fit | None:
+def _fitted(task: Task, point: Point, noise: Noise, wanted: float) -> Fit | None:
     try:
-        fit = fit_innovations(task.problem(), point, noise, arrived=True, most=ROUNDS)
+        fit = fit_innovations(task.problem(), point, noise, arrived=True, most=ROUNDS, wanted=wanted)
     except BROKEN:
         return None
     return fit if np.isfinite(fit.value) else None
@@ -235,6 +239,6 @@ def _with_noise_of(outcome: Outcome, task: Task, fit: Fit | None) -> tuple[Task,
         return task, None
     noise = outcome.fit.noise
     if noise.memory is not None and fit.noise.memory is None and fit.value > outcome.fit.value - GAIN:
-        further = _fitted(task, fit.point, noise)
+        further = _fitted(task, fit.point, noise, outcome.fit.value)
         fit = fit if further is None or further.value > fit.value else further
     return task.at_point(fit.point), fit
