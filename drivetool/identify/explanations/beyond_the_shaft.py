@@ -68,13 +68,24 @@ def lack_of(outcome: Outcome, white: Outcome) -> Lack | None:
     if f"{drive.shafts[0]}.stiffness" not in outcome.task.free:
         return None
     task, fit = _gap(outcome, white)
-    gain = outcome.fit.value - fit.value if fit else -np.inf
+    gain = _gained(outcome, fit)
     if gain > GAIN and gain > SHADOW * _of_load_noise(outcome):
         return Lack("gap-left-out", gain, task)
     # A third mass may imitate a gap, but no gap has imitated a third mass: it is asked last.
     task, fit = _third_mass(outcome, white)
-    gain = outcome.fit.value - fit.value if fit else -np.inf
+    gain = _gained(outcome, fit)
     return Lack("mass-left-out", gain, task) if gain > GAIN else None
+
+
+def _gained(outcome: Outcome, fit: Fit | None) -> float:
+    """Log likelihood of a longer drive over the shorter one, where that may have the longer one's noise too.
+
+    Noise figures that went a little further in the longer fit are no structure.
+    """
+    if fit is None:
+        return -np.inf
+    passes = filtered(outcome.problem, outcome.solution.point, fit.noise, keep=False)
+    return min(outcome.fit.value, minus_log_likelihood(passes)) - fit.value
 
 
 def without_shaft(estimate: Estimate, lack: Lack | None, shaft: str) -> Estimate:
