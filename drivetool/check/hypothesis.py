@@ -16,7 +16,7 @@ from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, judge
 from drivetool.check.rattle import rattles
 from drivetool.check.search_bounds import bounded
 from drivetool.check.smallest import resolved_at
-from drivetool.check.structure import carried, third_of, tip_names
+from drivetool.check.structure import carried, third_of
 from drivetool.drive.effects.load_step import TIMES
 from drivetool.identify.engine import Task
 from drivetool.identify.estimate import Parameter
@@ -25,6 +25,7 @@ from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import problem_of
+from drivetool.identify.third_mass import tip_names
 
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
 GAP = "backlash"

@@ -13,8 +13,9 @@ from drivetool.check.found import Found
 from drivetool.check.heldout import unlikely
 from drivetool.check.hypothesis import TRIFLE
 from drivetool.check.model import BROKEN, Masks, Model, fit
-from drivetool.check.structure import carried, third_of, tip_names, without_third
+from drivetool.check.structure import carried, third_of, without_third
 from drivetool.drive.chain import Drive
+from drivetool.identify.third_mass import tip_names
 
 NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
 

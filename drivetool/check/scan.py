@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.model import BROKEN, Model, everything, fit, judge
-from drivetool.check.structure import carried, may_have_tip, tip_names, with_large_tip, with_middle, with_tip
+from drivetool.check.structure import carried, may_have_tip, with_large_tip, with_middle, with_tip
 from drivetool.drive.linearise import state_space
 from drivetool.identify.backlash import valleys
 from drivetool.identify.engine import Task
-from drivetool.identify.least_squares import schur
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood, normal_under
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
+from drivetool.identify.third_mass import grown, tip_names
 
 GAPS = np.geomspace(0.003, 300.0, 67)  # half gaps over the twist that the torque makes: a stiff shaft twists little
 TIMES = np.geomspace(0.4, 8.0, 14)  # frequencies of a third mass over that of the first resonance
@@ -103,17 +103,8 @@ def _grown(base: Model, task: Task) -> tuple[float, float]:
     """(log likelihood over the base after a linear step, relative growth of the third mass in it)."""
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     point = carried(base, task, problem)
-    normal = normal_under(problem, point, base.noise)
-    matrix, slope, _ = schur(normal)
-    own = np.array([n in tip_names(base.task.drive) for n in task.free])
-    turn = np.column_stack([np.eye(len(own))[:, ~own], np.where(own, point.values, 0.0)])
-    matrix, slope = turn.T @ matrix @ turn, turn.T @ slope
-    told = np.flatnonzero(np.diag(matrix) > 0.0)  # what only trades against start states is rounding, of any sign
-    size, step = np.sqrt(np.diag(matrix)[told]), np.zeros(len(slope))
-    inverse = np.linalg.pinv(matrix[np.ix_(told, told)] / np.outer(size, size), rcond=1e-10, hermitian=True)
-    step[told] = -(inverse @ (slope[told] / size)) / size
-    gain = float(-0.5 * slope @ step) / (normal.cost / max(problem.count - problem.unknowns, 1))
-    return gain - judge(problem, point, base.noise, everything(problem)), float(step[-1])
+    gain, growth = grown(problem, point, base.noise, tip_names(base.task.drive))
+    return gain - judge(problem, point, base.noise, everything(problem)), growth
 
 
 def likely_orders(base: Model) -> list[float]:

@@ -8,9 +8,10 @@ import numpy as np
 
 from drivetool.check.candidates import motion, turns
 from drivetool.check.model import Model
-from drivetool.check.structure import third_of, tip_names
+from drivetool.check.structure import third_of
 from drivetool.identify.engine import Task
 from drivetool.identify.problem import Problem
+from drivetool.identify.third_mass import tip_names
 
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
 SLOWEST = 3.0  # lengths of the record: a warm-up that takes longer is a constant by another name

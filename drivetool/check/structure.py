@@ -11,20 +11,14 @@ from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import TIP, Drive
 from drivetool.identify.engine import Task
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.third_mass import split_off, tip_names
 
 MIDDLE = "middle"
-MOST = 0.4  # of the sampling rate: what rings faster leaves no trace
 
 
 def may_have_tip(drive: Drive) -> bool:
     """Whether the last body can be split in two: a kernel for more than three bodies is no two-mass one."""
     return len(drive.bodies) == 2
-
-
-def tip_names(drive: Drive, at: str = TIP) -> tuple[str, str, str]:
-    """Inertia, stiffness and damping of a third mass behind the others, or in the shaft."""
-    shaft = f"shaft{len(drive.bodies)}"
-    return f"{at}.inertia", f"{shaft}.stiffness", f"{shaft}.damping"
 
 
 def third_of(longer: Drive) -> str:
@@ -33,26 +27,8 @@ def third_of(longer: Drive) -> str:
 
 
 def with_tip(base: Model, share: float, times: float, zeta: float) -> Task | None:
-    """The base with its last body split in two by one more shaft, None if that would ring too fast.
-
-    share  of the last body's inertia that goes to the new one
-    times  frequency of the new one over that of the first resonance; zeta: its damping ratio
-    """
-    task = base.fitted
-    drive = task.drive
-    last, first = drive.bodies[-1], drive.bodies[0]
-    jl, jm, ks = (drive.value(n) for n in (f"{last}.inertia", f"{first}.inertia", f"{drive.shafts[0]}.stiffness"))
-    rate = times * np.sqrt(ks * (jl + jm) / (jl * jm))
-    if rate > 2.0 * np.pi * MOST / base.problem.traces[0].step:
-        return None
-    inertia, stiffness, damping = tip_names(drive)
-    values = {**drive.values, f"{last}.inertia": (1.0 - share) * jl, inertia: share * jl,
-              stiffness: rate**2 * share * (1.0 - share) * jl, damping: 2.0 * zeta * rate * share * jl}
-    longer = Drive("three-mass with a tip", (*drive.bodies, TIP), (*drive.shafts, stiffness.split(".")[0]), values,
-                   drive.torque_unit, drive.motion_unit, drive.damping_law)
-    free = tuple(n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping})
-    # The load's sensors stay where they were.
-    return replace(task, drive=longer, free=free)
+    """The base with its last body split in two, see `split_off`."""
+    return split_off(base.fitted, base.problem.traces[0].step, share, times, zeta)
 
 
 def with_large_tip(base: Model, share: float, times: float, zeta: float) -> Task | None:

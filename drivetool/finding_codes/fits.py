@@ -69,6 +69,12 @@ CODES = {
         "The load is light compared with the motor, and linear parameters that are a few per cent off would bias "
         "the half gap. They are fitted again together with it.",
         "Use `--hold` for values that are known for certain."),
+    "gap-left-out": Code(
+        WARNING,
+        "The model of two masses lacks a backlash gap: fitted beside it, a drive with a gap raises the log "
+        "likelihood by more than 12, under the same noise models. All fits without the gap share its error. The "
+        "shaft and the two inertias get no interval.",
+        "Fit it too with `--free shaft.half_gap`; if there is no gap, say so with `--set shaft.half_gap=0`."),
     "gap-may-have-opened": Code(
         WARNING,
         "The shaft torque changes its sign in the record. A backlash gap would open there, and the fitted model "
@@ -139,6 +145,12 @@ CODES = {
         "The coherence is below 0.5 at more than a tenth of the spectral lines. The frequency response is "
         "unreliable there.",
         "Use the other lines only; excite more, or use longer frames for sharp resonances."),
+    "mass-left-out": Code(
+        WARNING,
+        "The model of two masses lacks a third: fitted beside it, a drive whose load is split by one more shaft "
+        "raises the log likelihood by more than 12 and leaves no correlated errors. All fits without it share its "
+        "error. The shaft and the two inertias get no interval.",
+        "Fit it too with `--drive three-mass`, or run `diagnose`. A sensor at the load shows it best."),
     "model-error": Code(
         WARNING,
         "The drive model has a structural error, which a noise model would hide. Of one body, a law that the "

@@ -28,6 +28,7 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.explanations.beyond_the_shaft import lack_of, without_shaft
 from drivetool.identify.explanations.candidates import candidates_of, why_alone
 from drivetool.identify.explanations.explanation import explain
 from drivetool.identify.fit_percent import fit_percent
@@ -99,7 +100,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
-    return told_by(estimate, worth_of_shafts(white))
+    estimate = told_by(estimate, worth_of_shafts(white))
+    return without_shaft(estimate, lack_of(outcome, white), drive.shafts[0]) if drive.shafts else estimate
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

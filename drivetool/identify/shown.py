@@ -47,28 +47,36 @@ def told_by(estimate: Estimate, worth: Mapping[str, float]) -> Estimate:
 
 
 def _without(estimate: Estimate, shaft: str, worth: float) -> Estimate:
-    """The estimate without intervals of a shaft and of the inertias that it joins."""
+    """The estimate without intervals of a shaft that is worth nothing, and what to say."""
+    drive = estimate.drive
+    first, last = drive.bodies[drive.shafts.index(shaft):][:2]
+    found = Finding(
+        "warning", "resonance-not-shown",
+        f"The record does not show the resonance of {shaft}: a rigid one predicts as well. Its stiffness and "
+        f"damping cannot be told, nor the shares of {first} and {last} in their inertia.",
+        {"log_likelihood_worth": worth, "wanted": SHOWN},
+        "Excite it: a chirp or a multisine about the expected frequency, or log the speed on its other side too.")
+    estimate = not_of_shaft(estimate, shaft, f"the record does not show the resonance of {shaft}")
+    return replace(estimate, findings=(*estimate.findings, found))
+
+
+def not_of_shaft(estimate: Estimate, shaft: str, reason: str) -> Estimate:
+    """The estimate without intervals of a shaft and of the inertias that it joins, for a reason."""
     drive = estimate.drive
     k = drive.shafts.index(shaft)
     names = {f"{shaft}.stiffness", f"{shaft}.damping", *(
         f"{body}.{what}" for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
-    reason = f"the record does not show the resonance of {shaft}"
-    lines = tuple(replace(p, std=None, ci95=None, status="not-identifiable", reason=reason)
+    lines = tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, status="not-identifiable",
+                          reason=reason)
                   if p.name in names and p.status in ("fitted", "at-bound") else p for p in estimate.parameters)
-    found = Finding(
-        "warning", "resonance-not-shown",
-        f"The record does not show the resonance of {shaft}: a rigid one predicts as well. Its stiffness and "
-        f"damping cannot be told, nor the shares of {drive.bodies[k]} and {drive.bodies[k + 1]} in their inertia.",
-        {"log_likelihood_worth": worth, "wanted": SHOWN},
-        "Excite it: a chirp or a multisine about the expected frequency, or log the speed on its other side too.")
     kept = estimate.covariance
     if kept is not None:
         index = [i for i, n in enumerate(kept.names) if n not in names]
         kept = Covariance(tuple(kept.names[i] for i in index), kept.matrix[np.ix_(index, index)]) if index else None
-    # What the fit said of each of them by itself, it said of a peak of noise.
+    # What the fit said of each of them by itself, it said of another drive.
     others = [f for f in estimate.findings
               if not (f.code == "not-identifiable" and f.text.partition(" ")[0] in names)]
-    return replace(estimate, parameters=lines, covariance=kept, findings=(*others, found))
+    return replace(estimate, parameters=lines, covariance=kept, findings=tuple(others))
 
 
 def _astray(shaft: str, worth: Mapping[str, float]) -> Finding:

@@ -1,0 +1,81 @@
+"""A gap or a third mass that a model of two masses lacks is found by likelihood ratio, and nothing else."""
+
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from drivetool.drive.chain import two_mass
+from drivetool.identify.engine import by_innovations, coloured, looks_coloured
+from drivetool.identify.explanations.beyond_the_shaft import GAIN, lack_of, shaft_torque
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import experiment
+from tests.study.two_masses.record import arrange, observed, simulate
+
+FREE = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque", "load.inertia", "shaft.stiffness",
+        "shaft.damping")
+
+
+@cache
+def fitted(situation, size, number, seed, gap=1.0):
+    """(fit, fit with white noise, the run's setup, what is in the shaft); gap: of that of the size."""
+    setup, law = arrange(situation, size, number, seed, 2.0)
+    values = {**setup.machine.values, "shaft.half_gap": gap * setup.machine.values["shaft.half_gap"]}
+    setup = replace(setup, machine=replace(setup.machine, values=values))
+    run = simulate(setup, law)
+    shaft = observed(setup, law, run)[0]
+    made = experiment(run.torque, run.measured)
+    role = "motor_angle" if setup.is_angle else "motor_speed"
+    made = replace(made, signals={"motor_torque": run.torque, role: run.measured})
+    drive = two_mass().with_values({n: v for n, v in values.items() if n != "shaft.half_gap"})
+    white = by_innovations(Task(drive, FREE, roles_of([made], drive), (made,)), [{}])
+    return coloured(white), white, setup, shaft
+
+
+def test_a_gap_left_out_is_found_with_its_size_and_the_stiffness_that_it_hid():
+    outcome, white, setup, _ = fitted("shaft.gap", "M", 1, 3001)
+    truth = setup.machine.values
+    assert outcome.drive.values["shaft.stiffness"] < 0.9 * truth["shaft.stiffness"]
+    lack = lack_of(outcome, white)
+    assert lack.code == "gap-left-out" and lack.gain > 100.0 * GAIN
+    assert lack.task.drive.values["shaft.half_gap"] == pytest.approx(truth["shaft.half_gap"], rel=0.1)
+    assert lack.task.drive.values["shaft.stiffness"] == pytest.approx(truth["shaft.stiffness"], rel=0.05)
+
+
+def test_the_gain_that_is_wanted_is_neither_half_nor_twice_as_large():
+    """The gain of a gap goes with its square: 14 and 8.5 here."""
+    outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.013)
+    lack = lack_of(outcome, white)
+    assert lack is not None and GAIN < lack.gain < 24.0
+    assert lack_of(*fitted("shaft.gap", "S", 1, 3001, 0.01)[:2]) is None
+
+
+@pytest.mark.parametrize("situation", ["quiet", "white"])
+def test_a_right_model_lacks_nothing(situation):
+    outcome, white, *_ = fitted(situation, "", 0, 3000)
+    assert lack_of(outcome, white) is None
+
+
+def test_a_gap_that_is_said_to_be_none_is_not_looked_for():
+    outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.03)
+    assert lack_of(outcome, white).code == "gap-left-out"
+    none = replace(outcome, task=outcome.task.at({"shaft.half_gap": 0.0}))
+    assert lack_of(none, white) is None
+
+
+def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():
+    outcome, white, setup, _ = fitted("load.third-mass", "L", 6, 3104)
+    lack = lack_of(outcome, white)
+    assert lack.code == "mass-left-out" and lack.gain > GAIN
+    values = lack.task.drive.values
+    share = values["tip.inertia"] / (values["tip.inertia"] + values["load.inertia"])
+    assert share == pytest.approx(0.4, abs=0.1)
+    truth = setup.machine.values["shaft.stiffness"]
+    assert abs(values["shaft.stiffness"] - truth) < 0.3 * abs(outcome.drive.values["shaft.stiffness"] - truth)
+
+
+def test_the_shaft_torque_is_that_of_the_filtered_drive():
+    outcome, _, _, shaft = fitted("quiet", "", 0, 3000)
+    assert not looks_coloured(outcome.fit.passes)
+    assert abs(shaft_torque(outcome)[200:] - shaft[200:]).max() < 0.2 * abs(shaft).max()
