@@ -77,12 +77,14 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     alone = why_alone(white) if options.criterion == "auto" else ""
     explanation = None
     if options.criterion == "auto" and not alone:
-        explanation = explain(candidates_of(white, options.hold))
+        field = candidates_of(white, options.hold)
+        explanation, plain = explain(field), field.without_laws
         alone = "" if explanation else "no other explanation of the record can be simulated"
     if explanation is not None:
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
     else:
         outcome = coloured(white)
+        plain = (outcome, white, outcome)
         figures, findings = both_criteria(outcome, options)
     explained = explanation is not None and not explanation.worthless
     found = explanation.own.drive if explained else outcome.drive
@@ -101,7 +103,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     estimate = told_by(estimate, worth_of_shafts(white))
-    return without_shaft(estimate, lack_of(outcome, white), drive.shafts[0]) if drive.shafts else estimate
+    return without_shaft(estimate, lack_of(*plain), drive.shafts[0]) if drive.shafts else estimate
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

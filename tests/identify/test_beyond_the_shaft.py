@@ -37,7 +37,7 @@ def test_a_gap_left_out_is_found_with_its_size_and_the_stiffness_that_it_hid():
     outcome, white, setup, _ = fitted("shaft.gap", "M", 1, 3001)
     truth = setup.machine.values
     assert outcome.drive.values["shaft.stiffness"] < 0.9 * truth["shaft.stiffness"]
-    lack = lack_of(outcome, white)
+    lack = lack_of(outcome, white, outcome)
     assert lack.code == "gap-left-out" and lack.gain > 100.0 * GAIN
     assert lack.task.drive.values["shaft.half_gap"] == pytest.approx(truth["shaft.half_gap"], rel=0.1)
     assert lack.task.drive.values["shaft.stiffness"] == pytest.approx(truth["shaft.stiffness"], rel=0.05)
@@ -46,27 +46,36 @@ def test_a_gap_left_out_is_found_with_its_size_and_the_stiffness_that_it_hid():
 def test_the_gain_that_is_wanted_is_neither_half_nor_twice_as_large():
     """The gain of a gap goes with its square: 14 and 8.5 here."""
     outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.013)
-    lack = lack_of(outcome, white)
+    lack = lack_of(outcome, white, outcome)
     assert lack is not None and GAIN < lack.gain < 24.0
-    assert lack_of(*fitted("shaft.gap", "S", 1, 3001, 0.01)[:2]) is None
+    outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.01)
+    assert lack_of(outcome, white, outcome) is None
+
+
+def test_a_gap_must_explain_more_than_all_laws():
+    outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.03)
+    gain = lack_of(outcome, white, outcome).gain
+    for less, found in ((1.5 * GAIN, True), (0.5 * GAIN, False)):
+        rival = replace(outcome, fit=replace(outcome.fit, value=outcome.fit.value - gain + less))
+        assert (lack_of(outcome, white, rival) is not None) == found
 
 
 @pytest.mark.parametrize("situation", ["quiet", "white"])
 def test_a_right_model_lacks_nothing(situation):
     outcome, white, *_ = fitted(situation, "", 0, 3000)
-    assert lack_of(outcome, white) is None
+    assert lack_of(outcome, white, outcome) is None
 
 
 def test_a_gap_that_is_said_to_be_none_is_not_looked_for():
     outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.03)
-    assert lack_of(outcome, white).code == "gap-left-out"
+    assert lack_of(outcome, white, outcome).code == "gap-left-out"
     none = replace(outcome, task=outcome.task.at({"shaft.half_gap": 0.0}))
-    assert lack_of(none, white) is None
+    assert lack_of(none, white, none) is None
 
 
 def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():
     outcome, white, setup, _ = fitted("load.third-mass", "L", 6, 3104)
-    lack = lack_of(outcome, white)
+    lack = lack_of(outcome, white, outcome)
     assert lack.code == "mass-left-out" and lack.gain > GAIN
     values = lack.task.drive.values
     share = values["tip.inertia"] / (values["tip.inertia"] + values["load.inertia"])

@@ -56,11 +56,12 @@ class Lack:
     task: Task
 
 
-def lack_of(outcome: Outcome, white: Outcome) -> Lack | None:
+def lack_of(outcome: Outcome, white: Outcome, rival: Outcome) -> Lack | None:
     """A gap or a third mass; None where the model lacks neither, or the drive is no plain two-mass one.
 
-    outcome  an innovations fit, with known torques or without
+    outcome  an innovations fit without laws
     white    one with white torque noise, in which a lack has not passed for noise with a memory
+    rival    the likeliest with laws: a gap or a third mass must explain more than all of them
     """
     drive = outcome.task.drive
     if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
@@ -68,16 +69,16 @@ def lack_of(outcome: Outcome, white: Outcome) -> Lack | None:
     if f"{drive.shafts[0]}.stiffness" not in outcome.task.free:
         return None
     task, fit = _gap(outcome, white)
-    gain = _gained(outcome, fit)
+    gain = _gained(outcome, fit, rival)
     if gain > GAIN and gain > SHADOW * _of_load_noise(outcome):
         return Lack("gap-left-out", gain, task)
     # A third mass may imitate a gap, but no gap has imitated a third mass: it is asked last.
     task, fit = _third_mass(outcome, white)
-    gain = _gained(outcome, fit)
+    gain = _gained(outcome, fit, rival)
     return Lack("mass-left-out", gain, task) if gain > GAIN else None
 
 
-def _gained(outcome: Outcome, fit: Fit | None) -> float:
+def _gained(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float:
     """Log likelihood of a longer drive over the shorter one, where that may have the longer one's noise too.
 
     Noise figures that went a little further in the longer fit are no structure.
@@ -85,7 +86,7 @@ def _gained(outcome: Outcome, fit: Fit | None) -> float:
     if fit is None:
         return -np.inf
     passes = filtered(outcome.problem, outcome.solution.point, fit.noise, keep=False)
-    return min(outcome.fit.value, minus_log_likelihood(passes)) - fit.value
+    return min(outcome.fit.value, rival.fit.value, minus_log_likelihood(passes)) - fit.value
 
 
 def without_shaft(estimate: Estimate, lack: Lack | None, shaft: str) -> Estimate:

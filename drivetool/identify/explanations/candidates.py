@@ -65,6 +65,12 @@ class Field:
     seen: Mapping[str, Motions]
     task: Task
 
+    @property
+    def without_laws(self) -> tuple[Outcome, Outcome, Outcome]:
+        """The likeliest fit without laws, the one with white noise, and the likeliest with laws."""
+        found = [self.candidates[name].outcome for name in ("coloured", "white", "coloured, laws", "white, laws")]
+        return found[0], found[1], min(found[2:], key=lambda outcome: outcome.fit.value)
+
 
 def why_alone(white: Outcome) -> str:
     """Why a record has one explanation only, the innovations fit; empty where several are tried."""
