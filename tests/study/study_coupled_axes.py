@@ -60,7 +60,9 @@ def test_a_varying_inertia_is_told_in_its_mean():
     for i in range(RECORDS):
         record = varying.draw(i, FIRST_SEED + 100 + i)
         found = fitted(varying.STEP, record)
-        wrong += [i] if misses(found, record.inertia) else []
+        # Of a part of a period the mean is that over the angles visited.
+        truth = record.inertia if record.turns * record.order >= 1.0 else record.around
+        wrong += [i] if misses(found, truth) else []
         print(i, record.excitation, record.order, f"{record.turns:.1f}", found["value"][0] / record.inertia,
               found["ci95"][0], found["findings"])
     assert not wrong
