@@ -20,7 +20,7 @@ class Quantity:
     unit     template over {T} (torque unit: Nm, N or A) and {q} (motion unit: rad or m)
     meaning  a few words for tables
     bounds   lowest and highest value that is physical, in the unit
-    scale    a typical size, used where a value of zero gives none
+    scale    a typical size in a record whose torque and speed are one, used where a value of zero gives none
     neutral  the value at which the effect is absent; None if it always acts
     choice   the values that it may have, if it is a choice and no number to be fitted
     """
@@ -36,3 +36,17 @@ class Quantity:
         """The unit in words, for example 'kg m^2' or 'A s^2/rad'."""
         special = _SPELLING.get((self.unit, torque_unit, motion_unit))
         return special or self.unit.format(T=torque_unit, q=motion_unit)
+
+    def size(self, torque: float, speed: float) -> float:
+        """A typical size in a record with such a torque and speed: it changes with them as the unit says."""
+        over, *under = self.unit.split("/")
+        found = self.scale
+        for symbol, each in (("{T}", torque), ("{q}", speed)):
+            power = _power(symbol, over) - sum(_power(symbol, part) for part in under)
+            found *= each**power
+        return found
+
+
+def _power(symbol: str, part: str) -> int:
+    """Of a symbol in a product."""
+    return 2 if f"{symbol}^2" in part else int(symbol in part)

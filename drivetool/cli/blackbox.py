@@ -16,5 +16,5 @@ def _load():
 
 command = estimator_command("blackbox", _load, {
     "structure": (cli.Structure, None), "order": (cli.Order, None), "noise_order": (cli.NoiseOrder, None),
-    "criterion": (cli.FitCriterion, cli.FitCriterionName.innovations),
+    "criterion": (cli.BlackboxCriterion, cli.BlackboxCriterionName.innovations),
     "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

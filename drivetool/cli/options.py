@@ -25,6 +25,14 @@ class FitCriterionName(StrEnum):
     frequency = "frequency"
 
 
+class BlackboxCriterionName(StrEnum):
+    """The same without auto: a black box has one explanation of a record."""
+
+    innovations = "innovations"
+    simulation = "simulation"
+    frequency = "frequency"
+
+
 class WeightingName(StrEnum):
     """How a fit in the frequency domain weighs its lines."""
 
@@ -79,7 +87,7 @@ Start = Annotated[list[str] | None, _option(
     "'motor.angle=90 deg'; repeatable.")]
 Criterion = Annotated[CriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation; auto "
-    "fits several explanations of the record and lets free runs choose.")]
+    "means innovations, since only greybox tries several explanations of the record.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]
@@ -111,6 +119,9 @@ FitCriterion = Annotated[FitCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
     "distance from the measured frequency response; auto fits several explanations of the record and lets free "
     "runs choose.")]
+BlackboxCriterion = Annotated[BlackboxCriterionName, _option(
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
+    "distance from the measured frequency response.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

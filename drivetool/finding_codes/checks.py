@@ -45,7 +45,8 @@ CODES = {
         FAILURE,
         "The simulation of the whole record fits worse than the mean of the measured signal. The model is wrong, "
         "or noise has led a long free run away from the record. From `greybox`: free runs of one second err as "
-        "much as straight lines of the speed, whatever was fitted. Then no intervals are given.",
+        "much as straight lines of the speed, whatever was fitted. Or they err more than half as much over parts "
+        "that were held out. Then no intervals are given.",
         "Run `diagnose`, or validate by shorter free runs with `--segment`. After `greybox`, check channels, units "
         "and signs."),
     "fit-below-minimum": Code(

@@ -38,6 +38,7 @@ from drivetool.logs.unmeasured import measured
 SCAN = np.geomspace(0.01, 300.0, 205)
 VALLEYS = 3  # of the scan from which fits start
 SPREAD = [0.5, 2.0]  # further shares to start from
+ALONE = "Fitted by innovations alone: other explanations of the record are tried by greybox only."
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -83,6 +84,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     estimate = _one_sided_contact(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
+    if options.criterion == "auto":
+        estimate = replace(estimate, explanation=ALONE)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
 

@@ -107,7 +107,7 @@ def problem_of(drive: Drive, free: Sequence[str], output: str, step: float, r: R
     return LineProblem(
         HeldResponse(drive, tuple(free), output, step, r.frequency), r.g, weight, logarithm, r.bins,
         np.array([q.bounds[0] for q in known]), np.array([q.bounds[1] for q in known]),
-        np.array([q.scale for q in known]))
+        np.array([q.size(1.0, float(np.median(np.abs(r.g)))) for q in known]))
 
 
 def fit_lines(drive: Drive, free: Sequence[str], output: str, step: float, r: Response, weighting: str,

@@ -12,8 +12,10 @@ import numpy as np
 
 from drivetool.drive.simulate import Trace
 from drivetool.errors import Finding
+from drivetool.logs.units import TABLE
 
 SINGLE, DOUBLE = (float(np.finfo(kind).eps) for kind in (np.float32, np.float64))
+FACTORS = tuple(dict.fromkeys(factor for _, _, factor, _ in TABLE.values()))  # from a unit that was logged to SI
 KERNEL = 1e-10  # of the largest value: to that share of them the torques of smooth laws converge in the simulation
 # Times the rms of one rounding: that of the torque adds to that of the sensor, and where neither changes both are
 # the same for long, at worst as large as the last digit, sqrt(12) of it.
@@ -21,9 +23,13 @@ ROOM = float(np.sqrt(12.0))
 
 
 def digits(values: np.ndarray) -> float:
-    """Share of a value that the last digit of its format is worth: single precision where all values are such."""
+    """Share of a value that the last digit of its format is worth: single precision where all values are such.
+
+    They may have been so in another unit: back in that one they are again.
+    """
     with np.errstate(over="ignore"):
-        single = np.array_equal(values.astype(np.float32).astype(float), values, equal_nan=True)
+        logged = ((factor, (values / factor).astype(np.float32).astype(float)) for factor in FACTORS)
+        single = any(np.array_equal(single * factor, values, equal_nan=True) for factor, single in logged)
     return SINGLE if single else DOUBLE
 
 

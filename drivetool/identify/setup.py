@@ -22,6 +22,7 @@ INPUTS = ("motor_torque", "load_torque", "motor2_torque")
 ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
 DENSE = 0.5  # share of the third differences that must be there to be enough
 WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
+APART = 8  # samples between readings of an angle for a speed: one sample apart an encoder's steps exceed it
 SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
 # Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
 # measurement and must not count twice.
@@ -135,17 +136,33 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         return plant_of(_felt_in(replaced(drive, free, values), trace), layout)
 
     quantities = [drive.quantity(n) for n in free]
-    seen = any(role.endswith("angle") for role in roles.outputs)
+    seen, sizes = any(role.endswith("angle") for role in roles.outputs), _sizes(roles, traces)
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
     stds = sensor_stds(traces)
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
-        np.array([q.scale for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
+        np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
         later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
         by_record=load_step.only_in(drive.values),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
         states=tuple(plain.states), sensor_std=float(stds[0]))
+
+
+def _sizes(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:
+    """Root mean square torque and speed of the traces; one where that is zero, or was not measured."""
+    torques = [i for i, role in enumerate(roles.inputs) if role in INPUTS]
+    motion, y = [], [t.outputs[:, 0] for t in traces]
+    if roles.outputs[0].endswith("speed"):
+        motion = y
+    elif roles.outputs[0].endswith("angle"):
+        motion = [(each[APART:] - each[:-APART]) / (APART * t.step) for each, t in zip(y, traces, strict=True)]
+    return _rms([t.inputs[:, torques].ravel() for t in traces]), _rms(motion)
+
+
+def _rms(parts: Sequence[np.ndarray]) -> float:
+    values = np.concatenate([np.zeros(1), *parts])
+    return float(np.sqrt(np.nanmean(values**2))) or 1.0
 
 
 def _felt_in(drive: Drive, trace: Trace) -> Drive:

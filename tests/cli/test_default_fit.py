@@ -40,7 +40,7 @@ def error(content, name, truth):
 
 @pytest.mark.parametrize("situation, size, number, seed, law", [
     ("asymmetry", "L", 6, 106, "friction differs by direction"),
-    ("cogging", "L", 2, 102, "torque repeats 27 times a turn"),
+    ("cogging", "L", 3, 103, "torque repeats 16 times a turn"),
     ("log-noise", "M", 2, 102, UNFELT)])
 def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, situation, size, number, seed, law):
     record = draw(situation, size, number, seed, 4.0)

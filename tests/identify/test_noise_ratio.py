@@ -13,9 +13,10 @@ from drivetool.identify.greybox import greybox
 from drivetool.identify.innovations import fit_innovations, settle
 from drivetool.identify.noise import likelier_ratio
 from drivetool.identify.options import Options
-from drivetool.identify.rounding import only_rounding
+from drivetool.identify.rounding import digits, only_rounding
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
+from drivetool.logs.units import TABLE
 from tests.recover import experiment
 
 STEP, INERTIA, VISCOUS, SIZE = 2e-3, 0.02, 0.015, 2000  # s, kg m^2, N m s/rad, samples
@@ -80,6 +81,22 @@ def test_a_law_that_is_missing_in_a_record_without_noise_is_no_rounding():
     found = greybox([record(drag=1e-6)], started(), Options(criterion="innovations"))
     codes = {f.code for f in found.findings}
     assert "explained-to-rounding" not in codes and "innovations-correlated" in codes
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "rpm", "deg/s", "km/h", "mNm", "rev/s"])
+def test_single_precision_is_known_behind_a_conversion(unit):
+    factor = TABLE[unit][2]
+    logged = (1e3 * np.cos(np.linspace(0.0, 20.0, 4000))).astype(np.float32).astype(float)
+    logged[100] = np.nan
+    assert digits(logged * factor) == np.finfo(np.float32).eps
+    assert digits(np.nextafter(logged * factor, np.inf)) == np.finfo(float).eps
+
+
+def test_a_speed_in_single_rpm_is_explained_to_rounding():
+    time, factor = np.linspace(0.0, 20.0, 4000), TABLE["rpm"][2]
+    fine = 40.0 * np.cos(time)
+    logged = (fine / factor).astype(np.float32).astype(float) * factor
+    assert only_rounding(logged, fine, np.sin(3.0 * time)[:, None])
 
 
 def test_what_rounding_may_leave_is_of_the_digits_of_the_record():

@@ -201,3 +201,10 @@ def test_a_record_without_gap_gives_an_upper_limit(fitted):
     assert line.ci95[0] == 0.0
     assert line.ci95[1] < 0.05 * machine.rated_torque / machine.stiffness[0]
     assert "half-gap-not-distinguishable" in {f.code for f in estimate.findings}
+
+
+@pytest.mark.parametrize("criterion, said", [("auto", "Fitted by innovations alone"), ("innovations", "")])
+def test_a_gap_fit_says_that_it_tries_no_other_explanation(fitted, criterion, said):
+    record, _ = gap_record(machine_by_seed(20, gap=0.2), 20)
+    estimate = backlash([record], fitted(20).drive, Options(criterion=criterion))
+    assert estimate.explanation.partition(":")[0] == said

@@ -368,7 +368,8 @@ def test_an_inertia_is_what_it_is_beside_a_part_that_is_omitted():
 
     found = told("omit from=1.39 to=1.61")
     assert abs(found.value - 0.5) < 3.0 * found.std and found.std < 1e-3
-    assert told().std > 3.0 * found.std
+    whole = told()
+    assert whole.status == "not-identifiable" or whole.std > 3.0 * found.std
 
 
 @pytest.mark.parametrize(("text", "words"), [

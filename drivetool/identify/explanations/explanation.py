@@ -14,6 +14,7 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
 from drivetool.identify.explanations.candidates import Candidate, Field
+from drivetool.identify.explanations.held_out import held_out_errors
 from drivetool.identify.explanations.influence import SLACK, sandwich
 from drivetool.identify.explanations.laws import UNFELT
 from drivetool.identify.explanations.motion import NOISE_SHARE
@@ -36,6 +37,10 @@ CREDIBLE = 2.0  # over the least error of free runs, up to which a fit may disag
 # Of the error of straight lines, from which the logged torque explains nothing. On simulated records it is 0.9 and
 # more for most torques of another axis, and up to 0.7 for those of a drive under load steps, the worst of all laws.
 NOTHING = 0.85
+# The same of parts held out. Of 23 simulated joints whose neighbour moves all but one have 0.59 and more; of
+# drives that lack a law 0.4 and less, under load steps that exceed the motor's torque up to 0.6.
+NOTHING_HELD_OUT = 0.55
+PLAINLY = 0.1  # of the error of straight lines, up to which the torque explains the record and no part is held out
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 LEFT = {"coloured": "what is left is taken as torque noise with a memory",
         "white": "what is left is taken as white torque noise",
@@ -102,6 +107,10 @@ def explain(field: Field) -> Explanation | None:
     worthless = errors[name] > NOTHING * straight > 0.0
     if worthless:
         findings = (*findings, _nothing(errors[name], straight))
+    elif errors[name] > PLAINLY * straight and len(task.drive.bodies) == 1:  # of more it was not measured
+        error, line = held_out_errors(field)
+        worthless = error > NOTHING_HELD_OUT * line > 0.0
+        findings = (*findings, _nothing_held_out(error, line)) if worthless else findings
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
                        worthless)
@@ -120,6 +129,15 @@ def _nothing(error: float, straight: float) -> Finding:
         "lines of the speed do. This drive is not that machine, or torque and motion are not of one axis.",
         {"error": error, "error of straight lines": straight},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
+
+
+def _nothing_held_out(error: float, straight: float) -> Finding:
+    """The same of a part that was not fitted to."""
+    return replace(
+        _nothing(error, straight),
+        text="The logged torque does not explain the parts of the record that were held out: free runs there err "
+             f"{error / straight:.2f} times as much as straight lines of the speed do. This drive is not that "
+             "machine, or torque and motion are not of one axis.")
 
 
 def chosen(errors: Mapping[str, float], measured: bool = False) -> str:

@@ -19,9 +19,9 @@ LENGTH = 1.0  # s: errors of half a second's friction show, and the start state 
 FEWEST = 20  # samples of a run: twice those that a stretch must have
 
 
-def run_length(task: Task) -> float:
-    """Length [s] of the free runs of a recording: a second, or more at a low sampling rate."""
-    return max(LENGTH, FEWEST * task.experiments[0].step)
+def run_length(task: Task, length: float = LENGTH) -> float:
+    """Length [s] of the free runs of a recording: as wanted, or more at a low sampling rate."""
+    return max(length, FEWEST * task.experiments[0].step)
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Judge:
     smoothing: Smoothing
     noise: Noise
 
-    def error(self, task: Task) -> float:
+    def error(self, task: Task, length: float = LENGTH) -> float:
         """Root mean square error of the free runs as a speed, of the first output.
 
         Each run has an idle torque of its own: what stays as it is over a run is noise to every candidate alike.
@@ -43,7 +43,7 @@ class Judge:
         whole = task.problem(free=())
         point = Point(np.empty(0), first_states(task.drive, task.roles, whole.traces))
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
-        problem = task.problem(run_length(task), ()).with_constant_torque()
+        problem = task.problem(run_length(task, length), ()).with_constant_torque()
         starts, k, done = [], 0, 0
         wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
         for trace in problem.traces:
@@ -68,11 +68,11 @@ class Judge:
         simulated = [self._as_speed(r[:, 0], t.step, is_angle) for r, t in zip(runs, problem.traces, strict=True)]
         return fit_percent(np.concatenate(measured), np.concatenate(simulated))
 
-    def straight(self, task: Task) -> float:
+    def straight(self, task: Task, length: float = LENGTH) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
         wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
         errors, noise = [], []
-        for trace in task.traces(run_length(task)):
+        for trace in task.traces(run_length(task, length)):
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
             known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
             share = np.linalg.lstsq(line[known], y[known], rcond=None)[0]

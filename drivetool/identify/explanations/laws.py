@@ -94,11 +94,12 @@ def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") ->
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
     law("the torque drifts", lambda m, v, t: [t])
     orders = [k for k in (1, 2, *HARMONICS) if turns and np.sum(_mean_over_angles(motions, k) ** 2) < CONSTANT]
-    if 2 in orders:
-        law("inertia changes with the angle", lambda m, v, t: [
-            m.acceleration * np.cos(2.0 * m.angle) - m.speed**2 * np.sin(2.0 * m.angle),
-            m.acceleration * np.sin(2.0 * m.angle) + m.speed**2 * np.cos(2.0 * m.angle)],
-            "inertia", _mean_over_angles(motions, 2))
+    for k, name in ((1, "inertia changes once a turn"), (2, "inertia changes with the angle")):
+        if k in orders:
+            law(name, lambda m, v, t, k=k: [
+                m.acceleration * np.cos(k * m.angle) - 0.5 * k * m.speed**2 * np.sin(k * m.angle),
+                m.acceleration * np.sin(k * m.angle) + 0.5 * k * m.speed**2 * np.cos(k * m.angle)],
+                "inertia", _mean_over_angles(motions, k))
     for k in orders:
         law(f"torque repeats {k} times a turn",
             lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])

@@ -1,0 +1,56 @@
+"""A drive whose laws hold only where they were fitted explains nothing: parts of the record are held out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body
+from drivetool.identify.engine import by_innovations
+from drivetool.identify.explanations.candidates import candidates_of
+from drivetool.identify.explanations.held_out import PART, _part, held_out_errors
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.identify.swing import TRUTH, record, swing, task_of
+from tests.recover import experiment
+from tests.study.coupled_axes.arm import STEP, draw
+
+
+@pytest.mark.parametrize("number, seed, seconds", [
+    (17, 8017, 6.0), pytest.param(2, 8002, None, marks=pytest.mark.slow)])
+def test_a_joint_whose_neighbour_moves_is_no_one_body(number, seed, seconds):
+    joint = draw(number, seed, seconds)
+    assert joint.coupled > 0.9
+    made = experiment(joint.torque, joint.measured, step=STEP)
+    made = replace(made, signals={"motor_torque": joint.torque, joint.role: joint.measured})
+    start = {"motor.inertia": 0.7 * joint.inertia, "motor.viscous": 0.1, "motor.coulomb": 0.3}
+    found = greybox([made], one_body().with_values(start), Options(free=tuple(TRUTH)))
+    failure = next(f for f in found.findings if f.code == "explains-nothing")
+    assert failure.severity == "failure" and "held out" in failure.text
+    assert all(p.ci95 is None and p.std is None for p in found.parameters)
+
+
+def test_a_right_drive_explains_what_is_held_out():
+    rng, made = np.random.default_rng(1), record(swing(4000))
+    noisy = made.signals["motor_speed"] + 2e-3 * rng.standard_normal(4000)
+    task = task_of(replace(made, signals={**made.signals, "motor_speed": noisy}))
+    error, straight = held_out_errors(candidates_of(by_innovations(task, [{}])))
+    assert straight > 0.1 * np.std(noisy) and error < 0.05 * straight
+
+
+@pytest.mark.parametrize("late, held, first, last", [
+    (True, True, 1.0 - PART, 1.0), (True, False, 0.0, 1.0 - PART), (False, True, 0.0, PART),
+    (False, False, PART, 1.0)])
+def test_a_part_and_the_rest_are_the_record(late, held, first, last):
+    made = record(swing(1000))
+    task = replace(task_of(made, made), start={"motor.speed": 1.0})
+    part, expected = _part(task, late, held), made.signals["motor_speed"][round(1000 * first):round(1000 * last)]
+    assert all(np.array_equal(e.signals["motor_speed"], expected) for e in part.experiments)
+    assert bool(part.start) == (first == 0.0)  # a recording begins where it begins
+
+
+def test_a_record_too_short_to_be_cut_is_not_asked():
+    task = task_of(record(swing(250)))
+    field = candidates_of(by_innovations(task, [{}]))
+    short = replace(task, experiments=tuple(e.between(0.0, 20 * e.step) for e in task.experiments))
+    assert held_out_errors(replace(field, task=short)) == (0.0, 0.0)
