@@ -153,13 +153,13 @@ CODES = {
         "Fit it too with `--drive three-mass`, or run `diagnose`. A sensor at the load shows it best."),
     "model-error": Code(
         WARNING,
-        "The drive model has a structural error, which a noise model would hide. Of one body, a law that the "
+        "The drive model has a structural error, which a noise model would hide. Without a gap, a law that the "
         "motion foretells carries more than 1 % of the torque, and the text names it. Or free runs reject the "
         "likeliest noise model, or credible explanations of the record disagree by more than their noise. Of other "
         "drives, a fit for simulation reproduces the held-out end of the record clearly better than a fit for "
         "one-step prediction.",
-        "Run `diagnose`. The intervals of one body include the disagreement as `std_structure`; all others are "
-        "conditional on the structure."),
+        "Run `diagnose`. The intervals of a drive without a gap include the disagreement as `std_structure`; all "
+        "others are conditional on the structure."),
     "negative-coulomb": Code(
         NOTE_OR_WARNING,
         "The Coulomb friction of the steady line is negative, which is not physical, and is set to zero. More "

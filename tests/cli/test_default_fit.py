@@ -1,4 +1,4 @@
-"""The default fit of one body at the command line: laws that the drive lacks, and records that tell ratios."""
+"""The default fit at the command line: laws that the drive lacks, and records that tell ratios."""
 
 import re
 from dataclasses import replace
@@ -10,6 +10,8 @@ import yaml
 from drivetool.identify.explanations.laws import UNFELT
 from tests.simulator.records import write_parquet
 from tests.study.missing_laws.record import draw
+from tests.study.two_masses import record as two_masses
+from tests.study.two_masses.estimators import start_values
 
 NAMES = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque")
 STEP = 1e-3
@@ -143,3 +145,22 @@ def test_a_law_that_runs_away_under_the_gains_costs_no_answer(call, tmp_path, si
     content = drawn(call, tmp_path, record)
     assert error(content, "motor.inertia", record.truth.inertia)[0] < 0.15
     assert all(np.isfinite(line["value"]) for line in content["parameters"].values())
+
+
+@pytest.mark.slow
+def test_a_law_of_the_load_is_named_and_taken_out(call, tmp_path):
+    record = two_masses.draw("load.asymmetry", "L", 1, 937, 4.0)
+    units = {"motor_torque": "Nm", "motor_speed": "rad/s", "shaft_torque": "Nm"}
+    write_parquet(tmp_path / "r.parquet", {r: (v, units[r]) for r, v in record.channels.items()}, two_masses.STEP)
+    start = [word for name, value in start_values(record, 937).items() for word in ("--set", f"{name}={value!r}")]
+    code, _, err = call("greybox", tmp_path / "r.parquet", "--drive", "two-mass", "--out", tmp_path / "o.yaml",
+                        *start)
+    assert code == 0, err
+    content, truth = yaml.safe_load((tmp_path / "o.yaml").read_text()), record.truth
+    law = "friction differs by direction, on the load"
+    assert law in [found["name"] for found in content["laws"]]
+    assert law in next(f["text"] for f in content["findings"] if f["code"] == "model-error")
+    for name, value in (("motor.inertia", truth.motor_inertia), ("load.inertia", truth.load_inertia),
+                        ("shaft.stiffness", truth.stiffness)):
+        off, holds = error(content, name, value)
+        assert holds and off < 0.03

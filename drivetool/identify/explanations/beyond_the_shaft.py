@@ -73,7 +73,7 @@ def lack_of(outcome: Outcome, white: Outcome, rival: Outcome) -> Lack | None:
     if gain > GAIN and gain > SHADOW * _of_load_noise(outcome):
         return Lack("gap-left-out", gain, task)
     # A third mass may imitate a gap, but no gap has imitated a third mass: it is asked last.
-    task, fit = _third_mass(outcome, white)
+    task, fit = _third_mass(outcome, white, min(outcome.fit.value, rival.fit.value))
     gain = _gained(outcome, fit, rival)
     return Lack("mass-left-out", gain, task) if gain > GAIN else None
 
@@ -181,18 +181,22 @@ def _opened(outcome: Outcome, torque: float, share: float) -> Task:
                    free=tuple(n for n in task.drive.quantities if n in names))
 
 
-def _third_mass(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
+def _third_mass(outcome: Outcome, white: Outcome, wanted: float) -> tuple[Task, Fit | None]:
     """The likeliest drive with a third mass behind the load that leaves no correlation.
 
     What leaves some is not what the model lacks: a rich enough model takes up a share of any other lack.
+
+    wanted  -log likelihood of the fits that it must beat
     """
     for base in (outcome, white) if looks_coloured(outcome.fit.passes) else (outcome,):
-        found = [_with_noise_of(outcome, task, fit) for task, fit in _split(base, outcome.fit.value)
+        found = [_with_noise_of(outcome, task, fit) for task, fit in _split(base, wanted)
                  if fit is not None]
         if not found:
             continue
         task, fit = min(found, key=lambda f: f[1].value)
-        if fit.value < outcome.fit.value - GAIN and looks_coloured(fit.passes):
+        if fit.value > wanted - GAIN:
+            continue
+        if looks_coloured(fit.passes):
             fit = coloured(Outcome(task, task.problem(), fit.solution, fit, (), fit.converged)).fit
         if not looks_coloured(fit.passes):
             return task.at_point(fit.point), fit
