@@ -79,6 +79,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     """
     wanted = options.candidates or tuple(CAUSES)
     drive.require(drive.missing(), "a diagnosis")
+    drive, free = as_begun(drive, free, begun)
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox on a record of this drive first.")
@@ -106,6 +107,13 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search.leave_out(*without_surprises(search.model, mended[:len(search.model.task.experiments)]))
     return tell(search, drive, options)
+
+
+def as_begun(drive: Drive, free: Sequence[str], begun: Mapping[str, float]) -> tuple[Drive, tuple[str, ...]]:
+    """The base without dry friction that its own fit has added on a body behind the motor: a cause like others."""
+    beyond = {f"{body}.coulomb" for body in drive.bodies[1:]}
+    added = {n for n in free if n in beyond and begun.get(n) == 0.0}
+    return drive.with_values(dict.fromkeys(added, 0.0)), tuple(n for n in free if n not in added)
 
 
 def delay_of(search: Search) -> float:
