@@ -52,6 +52,10 @@ def hold_back(s, c, k, mode, x, u, h, big):
             k = lookup(s, c, mode, 0) if k < 0 else k
             left = c.hold[f, 0] - math.copysign(1.0, x[row]) * load_on(c.net[k, f], x, u)
             if abs(x[row]) * s.mass[row, 0] < MOMENT * h * left:
+                way = 0.5 * x[row] * abs(x[row]) * s.mass[row, 0] / left  # until it stands
+                for j in range(x.size):
+                    if j != row:
+                        x[j] += s.rows[j, row, 0] / s.mass[j, 0] * way
                 x[row] = 0.0
                 for q in range(big.shape[1]):
                     big[row, q] = 0.0

@@ -18,7 +18,6 @@ def answered(effects, machine, folder, candidates, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the half gap is found without an interval")
 def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_path):
     """A light load and chirps: the stiffness came out at half, and a third of the torque as noise."""
     answer, causes = answered("backlash", 100001, tmp_path, "backlash,coulomb-load,third-mass", record="chirp",

@@ -81,7 +81,9 @@ def why_alone(white: Outcome) -> str:
         return "the inertia is held"
     if not any(_longest(e.signals[task.roles.outputs[0]]) >= FEWEST for e in task.experiments):
         return f"no {FEWEST} values of the sensor were measured in a row"
-    if only_ratios(white):
+    # A torque that varies, and still none is told by: perhaps it is of another axis, which free runs show.
+    if only_ratios(white) and not any(np.ptp(e.signals["motor_torque"][a:b]) for e in task.experiments
+                                      for a, b in e.segments):
         return "no torque of known size acts"
     return ""
 
@@ -172,16 +174,21 @@ def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
 
 
 def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
-    """The fit to free runs, each with an idle torque of its own; that of the drive stays as it was before."""
+    """The fit to free runs, each with an idle torque of its own; that of the drive is as it was before."""
     start = best.task.at_point(best.solution.point)
     fitted = tuple(n for n in start.free if not n.endswith(".idle_torque"))
     outcome = by_simulation(replace(start, free=fitted), run_length(start), [{}], near=True, lag=seen.lag,
                             own=len(fitted) < len(start.free))
     _, influence = influence_of(best)
+    before = _candidate(best.task, best.solution.point.values, influence.copy(), None, best, line)
     _, influence[:, [start.free.index(n) for n in fitted]] = influence_of(outcome)
     values = np.array([outcome.drive.values[n] for n in start.free])
     task = start.at(dict(zip(start.free, values, strict=True)))
-    return _candidate(task, values, influence, None, outcome, line)
+    found = _candidate(task, values, influence, None, outcome, line)
+    # What laws have of the idle torque, the runs cannot tell from their own.
+    idle = np.array([n.endswith(".idle_torque") for n in start.free[:len(line)]])
+    return replace(found, own=np.where(idle, before.own, found.own),
+                   influence=np.where(idle, before.influence, found.influence))
 
 
 def _of_regression(found: Regression, task: Task, laws: tuple[Law, ...], line: np.ndarray) -> Candidate:
