@@ -150,3 +150,13 @@ def test_what_runs_away_is_never_chosen():
     lost = replace(lost, influence=np.full_like(lost.influence, np.nan))
     assert explanation._error(field(), lost) == np.inf  # it is not even simulated
     assert chosen(errors(cl=np.inf, f=np.inf)) == "white, laws"
+
+
+def test_free_runs_are_no_witness_of_the_friction_of_several_bodies():
+    names = ("motor.inertia", "motor.viscous")
+    one_body = field(f=[1.1, 2.2])
+    several = replace(one_body, candidates={n: c for n, c in one_body.candidates.items() if "regression" not in n})
+    table = {n: e for n, e in errors().items() if not n.startswith("regression")}
+    for given, told, friction in ((one_body, errors(), True), (several, table, False)):
+        _, structure, _ = spread(given, told, "coloured, laws", names)
+        assert structure[0] > 0.05 and (structure[1] > 0.05) == friction

@@ -167,7 +167,7 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
     for other in compared:
         if other in field.candidates and other != name and errors[other] <= CREDIBLE * least:
             d = field.candidates[other]
-            off = c.own - d.own
+            off = np.where(_compared(field, other, free), c.own - d.own, 0.0)
             one = np.sqrt(np.diag(sandwich(c.influence - d.influence))) / SLACK
             if "regression, laws" in (name, other):
                 one = one + _attenuation(c, free)
@@ -175,6 +175,16 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
     rows = np.array(apart).reshape(-1, len(c.own))
     structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
     return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
+
+
+def _compared(field: Field, other: str, free: Sequence[str]) -> np.ndarray:
+    """(k,) whether a candidate is a witness of a parameter.
+
+    Free runs with torques of their own hardly tell friction; of one body the regression knows it too.
+    """
+    if other != "free runs, laws" or "regression" in field.candidates:
+        return np.ones(len(free), bool)
+    return np.array([n.endswith((".inertia", ".carried_mass", ".stiffness", ".damping")) for n in free])
 
 
 def _attenuation(c: Candidate, free: Sequence[str]) -> np.ndarray:
