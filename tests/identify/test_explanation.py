@@ -6,6 +6,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from drivetool.drive.chain import one_body, two_mass
 from drivetool.identify.explanations import explanation
 from drivetool.identify.explanations.candidates import Candidate, Field
 from drivetool.identify.explanations.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
@@ -15,6 +16,7 @@ from drivetool.identify.explanations.motion import Smoothing
 from drivetool.identify.explanations.regression import BLOCKS
 from drivetool.identify.noise import Noise
 from drivetool.identify.results import Z95
+from drivetool.identify.task import Task
 
 ALL = {"coloured, laws": 1.0, "white, laws": 1.0, "regression, laws": 1.0, "coloured": 1.0, "white": 1.0,
        "regression": 1.0, "free runs, laws": 1.0}
@@ -73,7 +75,7 @@ def field(**off):
     one = candidate([1.0, 2.0])
     candidates = dict.fromkeys(ALL, one) | {names[k]: candidate(v) for k, v in off.items()}
     judge = Judge(Smoothing(0.2, 0.0), Noise(1.0, None, np.ones(1)))
-    return Field(MappingProxyType(candidates), (), judge, {}, None)
+    return Field(MappingProxyType(candidates), (), judge, {}, Task(one_body(), FREE, None, ()))
 
 
 def test_there_is_no_structure_where_all_agree():
@@ -154,9 +156,8 @@ def test_what_runs_away_is_never_chosen():
 
 def test_free_runs_are_no_witness_of_the_friction_of_several_bodies():
     names = ("motor.inertia", "motor.viscous")
-    one_body = field(f=[1.1, 2.2])
-    several = replace(one_body, candidates={n: c for n, c in one_body.candidates.items() if "regression" not in n})
-    table = {n: e for n, e in errors().items() if not n.startswith("regression")}
-    for given, told, friction in ((one_body, errors(), True), (several, table, False)):
-        _, structure, _ = spread(given, told, "coloured, laws", names)
+    given = field(f=[1.1, 2.2])
+    several = replace(given, task=replace(given.task, drive=two_mass()))
+    for one, friction in ((given, True), (several, False)):
+        _, structure, _ = spread(one, errors(), "coloured, laws", names)
         assert structure[0] > 0.05 and (structure[1] > 0.05) == friction

@@ -180,9 +180,9 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
 def _compared(field: Field, other: str, free: Sequence[str]) -> np.ndarray:
     """(k,) whether a candidate is a witness of a parameter.
 
-    Free runs with torques of their own hardly tell friction; of one body the regression knows it too.
+    Free runs with torques of their own hardly tell the friction of several bodies.
     """
-    if other != "free runs, laws" or "regression" in field.candidates:
+    if other != "free runs, laws" or len(field.task.drive.bodies) == 1:
         return np.ones(len(free), bool)
     return np.array([n.endswith((".inertia", ".carried_mass", ".stiffness", ".damping")) for n in free])
 
