@@ -37,11 +37,7 @@ def contact(task: Task, shaft: int) -> Contact:
     problem = task.problem(free=())
     point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
     noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
-    layout = Layout((), task.roles.inputs, task.roles.outputs, problem.traces[0].step, gradient=False)
-    plain = Assembly(task.drive, layout)
-    spring = np.zeros(plain.nx)
-    for j, dual in plain.spring(shaft, damped=task.drive.damping_law == "inside").items():
-        spring[j] = dual.v
+    plain, spring = spring_of(task, shaft, problem.traces[0].step)
     reach = plain.shafts[shaft][0].v * (plain.gaps[shaft].v if shaft in plain.gaps else 0.0)
     torque, sides = [], []
     for passed in filtered(problem, point, noise):
@@ -59,6 +55,15 @@ def contact(task: Task, shaft: int) -> Contact:
     least, most = np.quantile(all_torque, [0.001, 0.999])
     return Contact(float(least), float(most), bool(least < 0.0 < most), opened, crossed,
                    float(np.mean(all_sides == 0)))
+
+
+def spring_of(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray]:
+    """(the drive's equations, (nx,) torque of a shaft over its states if its gap were closed)."""
+    plain = Assembly(task.drive, Layout((), task.roles.inputs, task.roles.outputs, step, gradient=False))
+    spring = np.zeros(plain.nx)
+    for j, dual in plain.spring(shaft, damped=task.drive.damping_law == "inside").items():
+        spring[j] = dual.v
+    return plain, spring
 
 
 def opened_gaps(task: Task, lacking: str) -> list[Finding]:

@@ -28,9 +28,9 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.explanations.beyond_the_shaft import lack_of, without_shaft
 from drivetool.identify.explanations.candidates import candidates_of, why_alone
 from drivetool.identify.explanations.explanation import explain
+from drivetool.identify.explanations.left_out import lack_of, without_shaft
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
@@ -78,7 +78,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     explanation = None
     if options.criterion == "auto" and not alone:
         field = candidates_of(white, options.hold)
-        explanation, plain = explain(field), field.without_laws
+        explanation, plain = explain(field), field.rivals
         alone = "" if explanation else "no other explanation of the record can be simulated"
     if explanation is not None:
         outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)

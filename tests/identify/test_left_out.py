@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive.chain import two_mass
 from drivetool.identify.engine import by_innovations, coloured, looks_coloured
-from drivetool.identify.explanations.beyond_the_shaft import GAIN, lack_of, shaft_torque
+from drivetool.identify.explanations.left_out import GAIN, lack_of, shaft_torque
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import experiment

@@ -66,8 +66,8 @@ class Field:
     task: Task
 
     @property
-    def without_laws(self) -> tuple[Outcome, Outcome, Outcome]:
-        """The likeliest fit without laws, the one with white noise, and the likeliest with laws."""
+    def rivals(self) -> tuple[Outcome, Outcome, Outcome]:
+        """The likeliest fit without laws, the one with white noise, and the likeliest with laws: see left_out."""
         found = [outcome for name in ("coloured", "white", "coloured, laws", "white, laws")
                  if (outcome := self.candidates[name].outcome) is not None]
         return found[0], found[1], min(found[2:], key=lambda outcome: outcome.fit.value)

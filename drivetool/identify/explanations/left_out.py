@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
+from drivetool.identify.contact import spring_of
 from drivetool.identify.engine import by_cooling, coloured, looks_coloured
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.innovations import Fit, fit_innovations
@@ -161,11 +161,7 @@ def _gap(outcome: Outcome, white: Outcome) -> tuple[Task, Fit | None]:
 def shaft_torque(outcome: Outcome) -> np.ndarray:
     """(n,) [torque unit] of the first shaft over all stretches, filtered, closed."""
     task, problem = outcome.task.at_point(outcome.solution.point), outcome.problem
-    layout = Layout((), task.roles.inputs, task.roles.outputs, problem.traces[0].step, gradient=False)
-    plain = Assembly(task.drive, layout)
-    spring = np.zeros(plain.nx)
-    for j, dual in plain.spring(0, damped=task.drive.damping_law == "inside").items():
-        spring[j] = dual.v
+    plain, spring = spring_of(task, 0, problem.traces[0].step)
     passes = filtered(problem, outcome.solution.point, outcome.fit.noise)
     return np.concatenate([f.states[:, :plain.nx] @ spring for f in passes])
 
