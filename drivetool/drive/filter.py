@@ -144,7 +144,7 @@ def loosen(s, c, k, mode, x, u, p, before, q, h):
         rest = 0.0
         if before[f] > 0.0:
             rest = math.exp(-margin * math.sqrt(2.0 / (math.pi * before[f])) * h / s.mass[row, 0])
-        if pushed <= 0.0 and rest < 1e-6:
+        if pushed <= 0.0 and rest == 0.0:
             continue
         went = 0.5 * pushed + 0.5 * rest * (1.0 + rest) * before[f]
         way = 0.25 * pushed + 0.25 * (1.0 + rest) ** 2 * before[f]

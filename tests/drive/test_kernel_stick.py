@@ -7,7 +7,8 @@ from drivetool.drive.assemble import Layout
 from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.drive.filter import FIRM
-from drivetool.drive.simulate import Trace
+from drivetool.drive.run import MOMENT
+from drivetool.drive.simulate import Gains, Trace
 
 STEP, INERTIA, COULOMB = 1e-3, 0.01, 1.0
 
@@ -85,3 +86,21 @@ def test_a_load_that_sticks_is_broken_loose_through_its_shaft():
     found = plant("load_speed", drive)
     near, far = (passed(found, np.full(400, t), np.zeros(400), 1e-4, 0.2).variance[-1, 0] for t in (0.9, 0.0))
     assert near > 1.5 * far
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.9, 0), (1.1, 1)])
+def test_what_friction_takes_back_in_a_moment_is_no_motion(share, moves):
+    """A speed corrected from rest: below a tenth of what friction stops in a sample no event is looked for.
+
+    Either way the body goes v^2 J / 2 Tc until it stands.
+    """
+    found, n = plant("motor_angle"), 4
+    speed = share * MOMENT * COULOMB * STEP / INERTIA
+    gain, y = np.zeros((n, 1, found.nx)), np.zeros((n, 1))
+    gain[1, 0, 0], y[1] = speed, 1.0  # an error of one
+    trace = Trace(np.zeros((n, 1)), y, STEP)
+    _, states, events = found.simulate(trace, np.zeros(found.nx), Gains(gain, np.ones((n, 1))), keep=True)
+    assert events == moves
+    assert states[2, 0] == 0.0
+    # The event is exact, viscous friction included.
+    assert states[2, 1] == pytest.approx(0.5 * speed**2 * INERTIA / COULOMB, rel=1e-3)

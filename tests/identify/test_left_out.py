@@ -3,11 +3,12 @@
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from drivetool.drive.chain import two_mass
 from drivetool.identify.engine import by_innovations, coloured, looks_coloured
-from drivetool.identify.explanations.left_out import GAIN, lack_of, shaft_torque
+from drivetool.identify.explanations.left_out import GAIN, lack_of, mass_left_out, shaft_torque
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import experiment
@@ -83,6 +84,16 @@ def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():
     assert share == pytest.approx(0.4, abs=0.1)
     truth = setup.machine.values["shaft.stiffness"]
     assert abs(values["shaft.stiffness"] - truth) < 0.3 * abs(outcome.drive.values["shaft.stiffness"] - truth)
+
+
+def test_the_stated_share_and_frequency_of_a_third_mass_are_those_of_the_machine():
+    """Free of the motor, a mass of share s on the rest of the load swings 1 / sqrt(1 - s) faster than on a wall."""
+    _, law = arrange("load.third-mass", "L", 6, 3104, 2.0)
+    outcome, white, *_ = fitted("load.third-mass", "L", 6, 3104)
+    told = mass_left_out(lack_of(outcome, white, outcome)).evidence
+    assert told["share"] == pytest.approx(law.law.strength, abs=0.1)
+    frequency = law.law.constants["frequency"] / np.sqrt(1.0 - law.law.strength)
+    assert told["frequency"] == pytest.approx(frequency, rel=0.1)
 
 
 def test_the_shaft_torque_is_that_of_the_filtered_drive():

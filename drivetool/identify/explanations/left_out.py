@@ -93,13 +93,14 @@ def without_shaft(estimate: Estimate, lack: Lack | None, shaft: str) -> Estimate
     """The estimate with the finding, and without intervals of the shaft and of the inertias that it joins."""
     if lack is None:
         return estimate
-    finding = _gap_left_out(lack, shaft) if lack.code == "gap-left-out" else _mass_left_out(lack)
+    finding = gap_left_out(lack, shaft) if lack.code == "gap-left-out" else mass_left_out(lack)
     what = "a gap" if lack.code == "gap-left-out" else "a third mass"
     estimate = not_of_shaft(estimate, shaft, f"{what} is left out, and its error is in all fits")
     return replace(estimate, findings=(*estimate.findings, finding))
 
 
-def _gap_left_out(lack: Lack, shaft: str) -> Finding:
+def gap_left_out(lack: Lack, shaft: str) -> Finding:
+    """What is said of a gap."""
     drive = lack.task.drive
     half_gap = float(drive.values[f"{shaft}.half_gap"])
     stiffness = float(drive.values[f"{shaft}.stiffness"])
@@ -113,7 +114,8 @@ def _gap_left_out(lack: Lack, shaft: str) -> Finding:
         f"{shaft}.stiffness={stiffness:.3g}; if there is none, say --set {shaft}.half_gap=0.")
 
 
-def _mass_left_out(lack: Lack) -> Finding:
+def mass_left_out(lack: Lack) -> Finding:
+    """What is said of a third mass."""
     drive = lack.task.drive
     inertia, stiffness, _ = (float(drive.values[n]) for n in tip_names(_short(drive)))
     load = float(drive.values[f"{drive.load}.inertia"])
