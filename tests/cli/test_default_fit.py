@@ -42,7 +42,7 @@ def error(content, name, truth):
 
 @pytest.mark.parametrize("situation, size, number, seed, law", [
     ("asymmetry", "L", 6, 106, "friction differs by direction"),
-    ("cogging", "L", 3, 103, "torque repeats 16 times a turn"),
+    pytest.param("cogging", "L", 3, 103, "torque repeats 16 times a turn", marks=pytest.mark.slow),
     ("log-noise", "M", 2, 102, UNFELT)])
 def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, situation, size, number, seed, law):
     record = draw(situation, size, number, seed, 4.0)
@@ -79,6 +79,7 @@ def test_a_right_model_is_fitted_as_by_innovations(call, tmp_path):
         assert error(content, name, truth)[1]
 
 
+@pytest.mark.slow
 def test_friction_that_falls_over_the_speed_ends_on_the_bound_and_goes_on(call, tmp_path):
     record = draw("stribeck", "L", 6, 306, 4.0)
     content = drawn(call, tmp_path, record)

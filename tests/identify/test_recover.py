@@ -203,6 +203,7 @@ def test_a_record_without_gap_gives_an_upper_limit(fitted):
     assert "half-gap-not-distinguishable" in {f.code for f in estimate.findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion, said", [("auto", "Fitted by innovations alone"), ("innovations", "")])
 def test_a_gap_fit_says_that_it_tries_no_other_explanation(fitted, criterion, said):
     record, _ = gap_record(machine_by_seed(20, gap=0.2), 20)
