@@ -158,7 +158,7 @@ CODES = {
         "likeliest noise model, or credible explanations of the record disagree by more than their noise. Of other "
         "drives, a fit for simulation reproduces the held-out end of the record clearly better than a fit for "
         "one-step prediction.",
-        "Run `diagnose`. The intervals of a drive without a gap include the disagreement as `std_structure`; all "
+        "Run `diagnose`. The intervals of the default fit include the disagreement as `std_structure`; all "
         "others are conditional on the structure."),
     "negative-coulomb": Code(
         NOTE_OR_WARNING,

@@ -17,15 +17,16 @@ from drivetool.errors import BadOption, Finding
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import agrees, compose, unsettled
 from drivetool.identify.contact import Contact, contact
-from drivetool.identify.engine import Outcome, Task, again, coloured, fit_task, frozen, looks_coloured
+from drivetool.identify.engine import Outcome, Task, again, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.explanations.explanation import explained
 from drivetool.identify.greybox import ALL, chosen, expanded
 from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
-from drivetool.identify.results import covariance_of
+from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE
 from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.start import known_states
@@ -38,7 +39,6 @@ from drivetool.logs.unmeasured import measured
 SCAN = np.geomspace(0.01, 300.0, 205)
 VALLEYS = 3  # of the scan from which fits start
 SPREAD = [0.5, 2.0]  # further shares to start from
-ALONE = "Fitted by innovations alone: other explanations of the record are tried by greybox only."
 WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
@@ -71,21 +71,23 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         return _not_crossed(task, drive, shut, closed, options)
     loose, least = loosened(task, asked), {}
     if loose is None:
-        outcome = coloured(split_totals(fit_apart(task, options, asked, _starts(task, gaps, options)), asked))
+        white = split_totals(fit_apart(task, options, asked, _starts(task, gaps, options)), asked)
     else:
-        outcome, least = _with_linear(loose, gaps, options, asked)
+        white, least = _with_linear(loose, gaps, options, asked)
+    fit = explained(white, options, bool(least))
+    outcome, explanation = fit.outcome, fit.explanation
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
                 and not unsettled(outcome) and g not in least and _wide(outcome, g)}
-    estimate = compose("backlash", drive, outcome, (), {"contact": _counts(outcome, drive, gaps)},
-                       known=options.known)
+    estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
+                       {"contact": _counts(outcome, drive, gaps)}, known=options.known, explanation=explanation)
     estimate = replace(estimate, findings=(*doubted_channels(task, outcome.drive), *estimate.findings))
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     estimate = _one_sided_contact(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
-    if options.criterion == "auto":
-        estimate = replace(estimate, explanation=ALONE)
+    if fit.alone:
+        estimate = replace(estimate, explanation=fit.alone)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
 
@@ -104,7 +106,7 @@ def _with_linear(task: Task, gaps: Sequence[str], options: Options, asked: Optio
         # Two fits that explain the record equally badly say nothing.
         if found and not (doubtful and looks_coloured(found[0].fit.passes)):
             outcome, least[g] = found
-    return coloured(outcome), least
+    return outcome, least
 
 
 def _starts(task: Task, gaps: Sequence[str], options: Options) -> list[dict[str, float]]:
@@ -178,8 +180,12 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
             {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps."))
     else:
-        new = replace(line, ci95=(low, found.high), status="fitted",
-                      std=line.std if line.std is not None else (found.high - low) / 3.92)
+        # What the explanations disagree in is beyond the profile, which is of one of them.
+        apart = Z95 * (line.std_structure or 0.0)
+        low = line.value - np.hypot(line.value - low, apart)
+        high = line.value + np.hypot(found.high - line.value, apart)
+        new = replace(line, ci95=(max(low, 0.0), high), status="fitted",
+                      std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
     findings = [f for f in findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
     curve = Exhibit("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
                     "rise of -log likelihood", {

@@ -259,8 +259,9 @@ def by_simulation(task: Task, segment: float, starts: Sequence[Mapping[str, floa
     def directly(start: Task) -> tuple[float, Solution, Task]:
         states = segment_states(start, problem.traces)
         point = Point(values_of(start), tuple(np.append(s, 0.0) for s in states) if own else states)
-        first = solve(problem, point, relative=1e-5, hold=problem.later)
-        return ended(solve(problem, first.point, relative=1e-7 if near else 1e-10, most=30 if near else 100))
+        first = solve(problem, point, relative=1e-5, hold=problem.later, apart=has_gap(task))
+        return ended(solve(problem, first.point, relative=1e-7 if near else 1e-10, most=30 if near else 100,
+                           apart=has_gap(task)))
 
     def ended(solution: Solution) -> tuple[float, Solution, Task]:
         return 0.5 * problem.count * np.log(max(solution.cost, 1e-300)), solution, task.at_point(solution.point)

@@ -28,8 +28,7 @@ from drivetool.identify.engine import (
     segment_of,
 )
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.explanations.candidates import candidates_of, why_alone
-from drivetool.identify.explanations.explanation import explain
+from drivetool.identify.explanations.explanation import explained
 from drivetool.identify.explanations.left_out import lack_of, without_shaft
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
@@ -74,25 +73,16 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
-    alone = why_alone(white) if options.criterion == "auto" else ""
-    explanation = None
-    if options.criterion == "auto" and not alone:
-        field = candidates_of(white, options.hold)
-        explanation, plain = explain(field), field.rivals
-        alone = "" if explanation else "no other explanation of the record can be simulated"
-    if explanation is not None:
-        outcome, figures, findings = explanation.outcome, {}, list(explanation.findings)
-    else:
-        outcome = coloured(white)
-        plain = (outcome, white, outcome)
-        figures, findings = both_criteria(outcome, options)
-    explained = explanation is not None and not explanation.worthless
-    found = explanation.own.drive if explained else outcome.drive
-    findings = [*left, *doubted_channels(task, found, explained), *findings]
+    chosen_fit = explained(white, options, bool(least))
+    explanation, outcome = chosen_fit.explanation, chosen_fit.outcome
+    figures, findings = ({}, list(explanation.findings)) if explanation else both_criteria(outcome, options)
+    settled = explanation is not None and not explanation.worthless
+    found = explanation.own.drive if settled else outcome.drive
+    findings = [*left, *doubted_channels(task, found, settled), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
-    if alone:
-        estimate = replace(estimate, explanation=f"Fitted by innovations alone: {alone}.")
+    if chosen_fit.alone:
+        estimate = replace(estimate, explanation=chosen_fit.alone)
     lacking = {f.code for f in estimate.findings} & LACKING
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)
@@ -103,7 +93,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     estimate = told_by(estimate, worth_of_shafts(white))
-    return without_shaft(estimate, lack_of(*plain), drive.shafts[0]) if drive.shafts else estimate
+    return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

@@ -36,7 +36,8 @@ class Solution:
 
 def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, *,
           most: int = 60, relative: float = 1e-8, damping: float = 1e-3,
-          hold: np.ndarray | None = None, enough: float = 0.0, least: float = LEAST) -> Solution:
+          hold: np.ndarray | None = None, enough: float = 0.0, least: float = LEAST,
+          apart: bool = False) -> Solution:
     """Minimise the weighted squared residuals from a point.
 
     problem   k parameters, traces with m free start states each
@@ -45,13 +46,15 @@ def solve(problem: Problem, point: Point, gains: Sequence[Gains] | None = None, 
     hold      (k,) parameters that do not move
     enough    cost from which on there is nothing left to gain
     least     share of the cost below which a promised decrease is not tried
+    apart     whether a trace that a step made worse may keep its start: one that friction or a gap makes hard to
+              start does not damp the steps of the others then
     returns   Solution; where the model diverges from the first point on, that point
     """
     normal, ahead = _whole(problem, point, gains), True
     if not np.isfinite(normal.cost):
         return Solution(point, normal, 0, False)
     for iteration in range(1, most + 1):
-        trial = _accepted(problem, point, normal, gains, damping, hold, ahead, least)
+        trial = _accepted(problem, point, normal, gains, damping, hold, ahead, least, apart)
         if trial is None:
             return Solution(point, normal, iteration, True)
         done = normal.cost - trial.cost < relative * normal.cost or trial.cost < enough
@@ -99,13 +102,13 @@ class _Trial:
 
 
 def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Gains] | None, damping: float,
-              hold: np.ndarray | None, ahead: bool, least: float = LEAST) -> _Trial | None:
+              hold: np.ndarray | None, ahead: bool, least: float = LEAST, apart: bool = False) -> _Trial | None:
     """A better point, None if there is none.
 
     ahead  whether the first trial is simulated with sensitivities at once: they cost less than twice the
            simulation, and where steps have been going well the trial is where the next one begins
     """
-    first = True
+    first, before = True, problem.costs(point, gains) if apart else None
     while damping < 1e12:
         step, own = marquardt_step(problem, point, normal, damping, hold)
         # A step clipped at a bound may point uphill (below zero); more damping turns it.
@@ -116,6 +119,9 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
         if not _too_far(problem, point, trial):
             there = _whole(problem, trial, gains) if ahead and first else None
             cost = problem.cost(trial, gains) if there is None else there.cost
+            if apart and not cost < normal.cost:
+                trial, own, there = *_some_stay(problem, point, trial, own, before, gains), None
+                cost, promise = problem.cost(trial, gains), _promised(normal, step, own)
             if cost < normal.cost:
                 # What was rejected once would be again.
                 damping = max(damping * (_trust(normal.cost - cost, promise) if first else 1.0), 1e-12)
@@ -123,6 +129,17 @@ def _accepted(problem: Problem, point: Point, normal: Normal, gains: Sequence[Ga
             first = False
         damping *= 4.0
     return None
+
+
+def _some_stay(problem: Problem, point: Point, trial: Point, own: Sequence[np.ndarray], before: np.ndarray,
+               gains: Sequence[Gains] | None) -> tuple[Point, list[np.ndarray]]:
+    """(the trial, the steps of the start states) with the old start of every trace that got worse.
+
+    before  (traces,) costs at the point
+    """
+    worse = problem.costs(trial, gains) >= before
+    starts = tuple(old if w else new for old, new, w in zip(point.starts, trial.starts, worse, strict=True))
+    return replace(trial, starts=starts), [0.0 * step if w else step for step, w in zip(own, worse, strict=True)]
 
 
 def _trust(lowered: float, promise: float) -> float:

@@ -135,7 +135,11 @@ class Problem:
 
     def cost(self, point: Point, gains: Sequence[Gains] | None = None) -> float:
         """Sum of squared weighted residuals at a point; infinite if the model diverges."""
-        total = 0.0
+        return float(self.costs(point, gains).sum())
+
+    def costs(self, point: Point, gains: Sequence[Gains] | None = None) -> np.ndarray:
+        """(traces,) the share of each in the cost."""
+        found = np.empty(len(self.traces))
         for i, (t, plant) in enumerate(zip(self.traces, self.plants(point.values, False), strict=True)):
             g = gains[i] if gains else None
             r = plant.outputs(t, point.starts[i], g) - t.outputs
@@ -143,8 +147,8 @@ class Problem:
             r = r[self.lag:] - r[:len(r) - self.lag] if self.lag else r
             r = r[np.isfinite(r)]
             with np.errstate(over="ignore", invalid="ignore"):  # a trial may make the observer unstable
-                total += float(r @ r)
-        return total if np.isfinite(total) else np.inf
+                found[i] = float(r @ r)
+        return np.where(np.isfinite(found), found, np.inf)
 
     def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:
         """The point after a step, inside the bounds."""

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.identify.engine import by_innovations, by_simulation, coloured
+from drivetool.identify.engine import again, by_innovations, by_simulation, coloured
+from drivetool.identify.explanations.across_gap import confirmed, from_free_runs
 from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.explanations.foretold import with_laws
 from drivetool.identify.explanations.influence import influence_of
@@ -76,9 +77,7 @@ class Field:
 def why_alone(white: Outcome) -> str:
     """Why a record has one explanation only, the innovations fit; empty where several are tried."""
     task = white.task
-    if has_gap(task):
-        return "other explanations are tried on drives without a gap so far"
-    if white.fit is None or "motor.inertia" not in task.free:
+    if white.fit is None or not ("motor.inertia" in task.free or has_gap(task)):
         return "the inertia is held"
     if not any(_longest(e.signals[task.roles.outputs[0]]) >= FEWEST for e in task.experiments):
         return f"no {FEWEST} values of the sensor were measured in a row"
@@ -115,6 +114,9 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> Field:
             break
         white = freed_too(white, freed)
         task, found = white.task, {"white": white, "coloured": coloured(white)}
+    judge = Judge(seen.smoothing, white.fit.noise)
+    if laws and has_gap(task) and not confirmed(judge, found["coloured"], best):
+        laws, best = (), found["coloured"]
     with_them = regress(task, seen, laws) if linear and laws else plain
     if laws and best.fit.noise.memory is None:
         found |= {"white, laws": best, "coloured, laws": coloured(best)}
@@ -130,7 +132,11 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> Field:
     if not laws:
         candidates |= {f"{name}, laws": c for name, c in candidates.items()}
     candidates["free runs, laws"] = _of_free_runs(best, seen, line)
-    return Field(candidates, laws, Judge(seen.smoothing, white.fit.noise), motions, task)
+    if has_gap(task):
+        likeliest = min(("coloured, laws", "white, laws"), key=lambda n: candidates[n].outcome.fit.value)
+        other = from_free_runs(candidates[likeliest].outcome, candidates["free runs, laws"].task)
+        candidates["coloured, laws"] = _of_fit(other, line)
+    return Field(candidates, laws, judge, motions, task)
 
 
 def freed_too(white: Outcome, names: Sequence[str]) -> Outcome:
@@ -138,7 +144,8 @@ def freed_too(white: Outcome, names: Sequence[str]) -> Outcome:
     task = white.task.at_point(white.solution.point)
     guess = {n: task.drive.values.get(f"{task.drive.bodies[0]}.{n.partition('.')[2]}", 0.0) for n in names}
     free = tuple(n for n in task.drive.quantities if n in {*task.free, *names})
-    return by_innovations(replace(task.at(guess), free=free), [{}])
+    wider = replace(task.at(guess), free=free)
+    return again(wider, white.fit.noise) if has_gap(task) else by_innovations(wider, [{}])
 
 
 def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:

@@ -12,19 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import Finding
+from drivetool.identify.engine import coloured
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
-from drivetool.identify.explanations.candidates import Candidate, Field
+from drivetool.identify.explanations.candidates import Candidate, Field, candidates_of, why_alone
 from drivetool.identify.explanations.held_out import held_out_errors
 from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.explanations.judge import SHORT
 from drivetool.identify.explanations.laws import UNFELT
 from drivetool.identify.explanations.motion import NOISE_SHARE
 from drivetool.identify.explanations.own_parameters import within_bounds
 from drivetool.identify.innovations import Fit
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
+from drivetool.identify.options import Options
 from drivetool.identify.results import ONE_SIDED, Z95, why_on_bound
 from drivetool.identify.setup import first_point
-from drivetool.identify.task import Outcome, Task
+from drivetool.identify.task import Outcome, Task, has_gap
 
 # From the most efficient where it is right to the most robust.
 PREFERRED = ("coloured, laws", "white, laws", "regression, laws")
@@ -42,6 +45,8 @@ NOTHING = 0.85
 NOTHING_HELD_OUT = 0.55
 PLAINLY = 0.1  # of the error of straight lines, up to which the torque explains the record and no part is held out
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
+# What free runs with torques of their own tell of several bodies.
+WITNESSED = (".inertia", ".carried_mass", ".stiffness", ".damping", ".half_gap")
 LEFT = {"coloured": "what is left is taken as torque noise with a memory",
         "white": "what is left is taken as white torque noise",
         "regression": "the rest is not modelled: least squares of the torque over the motion",
@@ -82,6 +87,42 @@ class Explanation:
     worthless: bool
 
 
+@dataclass(frozen=True)
+class Explained:
+    """What the default fit comes to.
+
+    explanation  None: the record has one explanation only, and alone says why
+    rivals       the likeliest fit without laws, the one with white noise, and the likeliest with laws
+    """
+
+    explanation: Explanation | None
+    rivals: tuple[Outcome, Outcome, Outcome]
+    alone: str = ""
+
+    @property
+    def outcome(self) -> Outcome:
+        """The fit that is reported."""
+        return self.explanation.outcome if self.explanation else self.rivals[0]
+
+
+def explained(white: Outcome, options: Options, uncrossed: bool = False) -> Explained:
+    """The explanation of a record, or the innovations fit where there is one only.
+
+    white      the fit without laws, by innovations with white torque noise; one by simulation stays as it is
+    options    hold, criterion: other explanations are tried by default only
+    uncrossed  whether the half gap is known from below only
+    """
+    wanted = options.criterion == "auto"
+    alone = "a gap that was not crossed is known from below only" if uncrossed else why_alone(white)
+    if wanted and not alone:
+        field = candidates_of(white, options.hold)
+        if explanation := explain(field):
+            return Explained(explanation, field.rivals)
+        alone = "no other explanation of the record can be simulated"
+    plain = coloured(white)
+    return Explained(None, (plain, white, plain), f"Fitted by innovations alone: {alone}." if wanted else "")
+
+
 def explain(field: Field) -> Explanation | None:
     """Choose among the candidates; None where none of them can be simulated."""
     task = field.task
@@ -91,7 +132,11 @@ def explain(field: Field) -> Explanation | None:
     errors = {name: known[id(c)] for name, c in field.candidates.items()}
     if not np.isfinite([errors[n] for n in (MEASURED if measured else PREFERRED) if n in errors]).any():
         return None
-    name = chosen(errors, measured)
+    gap = has_gap(task)
+    # Across a gap free runs have confirmed the laws before, and are a witness, no judge between noise models.
+    name = "coloured, laws" if gap else chosen(errors, measured)
+    if not np.isfinite(errors[name]):
+        return None
     c = field.candidates[name]
     noise, structure, covariance = spread(field, errors, name, task.free, measured)
     outcome = c.outcome if c.outcome is not None and c.outcome.fit is not None else _at(c, field)
@@ -104,9 +149,11 @@ def explain(field: Field) -> Explanation | None:
     if laws:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
     straight = field.judge.straight(task)
-    worthless = errors[name] > NOTHING * straight > 0.0
+    # The fit to free runs shows most of what the torque explains; across a gap the other may be far off.
+    explained = min(errors[name], errors["free runs, laws"]) if gap else errors[name]
+    worthless = explained > NOTHING * straight > 0.0
     if worthless:
-        findings = (*findings, _nothing(errors[name], straight))
+        findings = (*findings, _nothing(explained, straight))
     elif errors[name] > PLAINLY * straight and len(task.drive.bodies) == 1:  # of more it was not measured
         error, line = held_out_errors(field)
         worthless = error > NOTHING_HELD_OUT * line > 0.0
@@ -161,6 +208,7 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
     base = by_blocks if c.covariance is None else c.covariance
     noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
     compared = ("regression, laws", "free runs, laws") if measured else REFEREES
+    compared = ("free runs, laws",) if has_gap(field.task) else compared
     # The fit to free runs has the least error by itself, and so does not say what is credible.
     least = min(errors[n] for n in (MEASURED if measured else (*PREFERRED, *WITHOUT)) if n in errors)
     apart = []
@@ -184,7 +232,7 @@ def _compared(field: Field, other: str, free: Sequence[str]) -> np.ndarray:
     """
     if other != "free runs, laws" or len(field.task.drive.bodies) == 1:
         return np.ones(len(free), bool)
-    return np.array([n.endswith((".inertia", ".carried_mass", ".stiffness", ".damping")) for n in free])
+    return np.array([n.endswith(WITNESSED) for n in free])
 
 
 def _attenuation(c: Candidate, free: Sequence[str]) -> np.ndarray:
@@ -232,6 +280,8 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
     taken = f"{len(laws)} law{'s' if len(laws) > 1 else ''} that the motion foretells taken out, " if laws else ""
     if measured:
         why = "the logged torque is a measurement, whose noise the drive has not felt"
+    elif has_gap(field.task):
+        why = f"across a gap that tells most, and free runs of {SHORT:g} s are the witness"
     elif kind == "free runs":
         why = f"the free runs of the next best explanation err more than {REFUTED:g} times as much"
     else:

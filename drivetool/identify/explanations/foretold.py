@@ -14,11 +14,13 @@ import numpy as np
 from drivetool.identify.explanations.laws import UNFELT, Law
 from drivetool.identify.noise import Noise, filtered, with_state
 from drivetool.identify.problem import Point
-from drivetool.identify.task import Task
+from drivetool.identify.task import Task, has_gap
 
 FOLDS = 8  # contiguous blocks
 # Log likelihood that a law must gain where it was not fitted: the best of fifty that are none does so once in 1e5.
 GAIN = 15.0
+# The same across a gap, where the filter's likelihood is rough: right models had up to 20.
+ACROSS_GAP = 40.0
 SHADOW = 0.1  # of the largest gain: what is less may be its shadow, and is looked for again when that law is in
 MOST = 5
 BATCH = 8  # columns whose sensitivities are worked out in one pass
@@ -52,6 +54,7 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
     """
     sums, count = _sums(task, point, noise, laws), task.problem().count
     chosen, base = [], np.arange(len(task.free))
+    least = ACROSS_GAP if has_gap(task) else GAIN
     places, k = [], len(base)
     for law in laws:
         places.append(np.arange(k, k + law.size))
@@ -67,7 +70,7 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
                 for i in possible if i not in chosen}
         best = min(left, key=left.__getitem__)
         gain = 0.5 * count * np.log(now / left[best])
-        if gain < max(GAIN, SHADOW * largest):
+        if gain < max(least, SHADOW * largest):
             break
         largest = max(gain, largest)
         chosen.append(best)

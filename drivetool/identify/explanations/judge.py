@@ -13,15 +13,16 @@ from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_states
-from drivetool.identify.task import Task
+from drivetool.identify.task import Task, has_gap
 
 LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
+SHORT = 0.2  # s, across a gap: errors at a start grow a hundredfold in a second, and not yet in this
 FEWEST = 20  # samples of a run: twice those that a stretch must have
 
 
 def run_length(task: Task, length: float = LENGTH) -> float:
-    """Length [s] of the free runs of a recording: as wanted, or more at a low sampling rate."""
-    return max(length, FEWEST * task.experiments[0].step)
+    """Length [s] of the free runs of a recording: as wanted, shorter across a gap, more at a low sampling rate."""
+    return max(min(length, SHORT) if has_gap(task) else length, FEWEST * task.experiments[0].step)
 
 
 @dataclass(frozen=True)
@@ -53,10 +54,12 @@ class Judge:
             done += trace.size
         if is_angle:
             problem = replace(problem, lag=wide)
-        solution = solve(problem, Point(np.empty(0), tuple(starts)), most=8, relative=1e-4)
-        plants = problem.plants(solution.point.values, False)
+        # Run by run: one that is hard to start must not damp the steps of the others.
+        starts = [solve(replace(problem, traces=(trace,)), Point(np.empty(0), (start,)), most=8,
+                        relative=1e-4).point.starts[0] for trace, start in zip(problem.traces, starts, strict=True)]
+        plants = problem.plants(np.empty(0), False)
         errors = [self._as_speed(plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0], trace.step, is_angle)
-                  for plant, trace, start in zip(plants, problem.traces, solution.point.starts, strict=True)]
+                  for plant, trace, start in zip(plants, problem.traces, starts, strict=True)]
         with np.errstate(over="ignore"):  # a drive of nonsense may run away
             return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 

@@ -1,0 +1,143 @@
+"""The default fit where a gap is crossed: free runs confirm laws, begin another descent, and are a witness."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.identify.explanations import across_gap, foretold
+from drivetool.identify.explanations.across_gap import confirmed, from_free_runs
+from drivetool.identify.explanations.candidates import Field
+from drivetool.identify.explanations.explanation import spread
+from drivetool.identify.explanations.judge import run_length
+from drivetool.identify.explanations.laws import Law
+from drivetool.identify.explanations.regression import BLOCKS
+from drivetool.identify.least_squares import solve
+from drivetool.identify.problem import Normal, Point
+from drivetool.identify.task import Outcome, Task
+
+FREE = ("motor.inertia", "motor.coulomb", "shaft.half_gap")
+
+
+def task(gap=0.01, free=FREE, step=1e-3):
+    return Task(two_mass().with_values({"shaft.half_gap": gap}), free, None, (SimpleNamespace(step=step),))
+
+
+def outcome(value, numbers, starts=(), of=None):
+    """A fit of two parameters whose cost is one per degree of freedom, the curvature the unit matrix."""
+    normal = Normal(np.eye(2), (), (), np.zeros(2), (), 100.0)
+    problem = SimpleNamespace(count=102, unknowns=2)
+    solution = SimpleNamespace(point=Point(np.array(numbers), ()), normal=normal, cost=100.0)
+    made = of or SimpleNamespace(free=("a", "b"), at_point=lambda point: point)
+    return Outcome(made, problem, solution, SimpleNamespace(value=value), tuple(starts), True)
+
+
+@pytest.mark.parametrize("gap, free, seconds", [(0.0, FREE[:2], 1.0), (0.01, FREE[:2], 0.2), (0.0, FREE, 0.2)])
+def test_free_runs_are_short_where_a_gap_acts_or_is_fitted(gap, free, seconds):
+    assert run_length(task(gap, free)) == seconds
+    assert run_length(task(gap, free, step=0.1)) == 2.0  # twenty samples, whatever the drive
+
+
+@pytest.mark.parametrize("ratio, wanted", [(1.15, False), (1.25, True), (1.0 / 1.25, False)])
+def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, wanted):
+    judge = SimpleNamespace(error=lambda point: float(point.values[0]))
+    without, with_them = outcome(0.0, [ratio, 0.0]), outcome(-1e6, [1.0, 0.0])
+    assert confirmed(judge, without, with_them) is wanted
+
+
+def sums_that_gain(much):
+    """A stand-in for the sums of products: a parameter, and a law whose log likelihood gains so much."""
+    told = np.sqrt(1.0 - np.exp(-2.0 * much / 1000.0))
+    one = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, told], [0.0, told, 1.0]])
+    return np.repeat(one[None], foretold.FOLDS, axis=0)
+
+
+@pytest.mark.parametrize("drive, gain, taken", [
+    (one_body(), 12.0, False), (one_body(), 18.0, True),
+    (two_mass().with_values({"shaft.half_gap": 0.01}), 32.0, False),
+    (two_mass().with_values({"shaft.half_gap": 0.01}), 48.0, True)])
+def test_a_law_must_gain_more_across_a_gap(monkeypatch, drive, gain, taken):
+    monkeypatch.setattr(foretold, "_sums", lambda *_: sums_that_gain(gain))
+    law = Law("a law", (np.zeros((1, 1)),), "idle torque", body="motor")
+    made = SimpleNamespace(drive=drive, free=("motor.inertia",), problem=lambda: SimpleNamespace(count=1000))
+    assert (foretold.foretold(made, None, None, [law])[0] == [law]) is taken
+
+
+@pytest.mark.parametrize("value, numbers, likelier, agree", [
+    (2.0, [1.0, 3.0], False, True),  # the same place
+    (2.0, [1.0, 13.0], False, False),  # as likely, and elsewhere
+    (-90.0, [1.0, 13.0], True, False)])
+def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, numbers, likelier, agree):
+    best = outcome(0.0, [1.0, 2.0], [{"reached": {"a": 1.0, "b": 2.0}, "apart": 0.0,
+                                      "minus_log_likelihood_above_best": 0.0}])
+    other = outcome(value, numbers, of=best.task)
+    monkeypatch.setattr(across_gap, "near", lambda task, before: other)
+    found = from_free_runs(best, best.task)
+    assert found.fit.value == min(value, 0.0) and (found.solution is other.solution) is likelier
+    last = found.starts[-1]
+    assert len(found.starts) == 2
+    assert (last["minus_log_likelihood_above_best"] < 5.0 and last["apart"] < 20.0) is agree
+
+
+def test_of_a_drive_with_laws_the_search_without_says_nothing(monkeypatch):
+    start = {"reached": {"a": 1.0}, "apart": 0.0, "minus_log_likelihood_above_best": 0.0}
+    best = outcome(0.0, [1.0, 2.0], [start, start])
+    monkeypatch.setattr(across_gap, "near", lambda task, before: outcome(90.0, [9.0, 9.0], of=best.task))
+    starts = from_free_runs(best, best.task).starts
+    assert [s["way"] for s in starts] == ["best", "free runs"]
+
+
+def test_free_runs_are_the_one_witness_and_none_of_friction():
+    made = task()
+    rng = np.random.default_rng(1)
+    blocks = 1e-6 * rng.standard_normal((BLOCKS, 3))
+
+    def candidate(*own):
+        return SimpleNamespace(own=np.array(own), influence=blocks, covariance=None)
+
+    field = Field({"coloured, laws": candidate(1.0, 1.0, 1.0), "white, laws": candidate(3.0, 3.0, 3.0),
+                   "free runs, laws": candidate(1.1, 1.1, 1.1)}, (), None, {}, made)
+    errors = dict.fromkeys(field.candidates, 1.0)
+    structure = spread(field, errors, "coloured, laws", made.free)[1]
+    np.testing.assert_allclose(structure, np.array([0.2, 0.0, 0.2]) / 1.96, rtol=1e-2, atol=1e-9)
+    # Of free runs that err by far more nothing is believed.
+    far = errors | {"free runs, laws": 2.5}
+    assert not spread(field, far, "coloured, laws", made.free)[1].any()
+
+
+class Kinked:
+    """Two traces with a start each: one is straight, the other has its least where its slope does not point."""
+
+    low, high, size = np.full(1, -np.inf), np.full(1, np.inf), np.ones(1)
+    free_start = np.arange(1)
+
+    def residuals(self, point):
+        (p,), ((a,), (b,)) = point.values, point.starts
+        # A step along the slope of the second at b = 1 goes to -999, where it is far worse.
+        return [np.array([p + a - 3.0, a - 1.0]), np.array([1.0 + 1e-3 * b + 1e3 * min(b - 1.0, 0.0) ** 2])]
+
+    def costs(self, point, gains=None):
+        return np.array([r @ r for r in self.residuals(point)])
+
+    def cost(self, point, gains=None):
+        return float(self.costs(point).sum())
+
+    def normal(self, point, gains=None):
+        one, two = self.residuals(point)
+        first, second = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0, 1e-3]])
+        g = [first.T @ first, second.T @ second]
+        s = [first.T @ one, second.T @ two]
+        return Normal(g[0][:1, :1] + g[1][:1, :1], (g[0][:1, 1:], g[1][:1, 1:]), (g[0][1:, 1:], g[1][1:, 1:]),
+                      s[0][:1] + s[1][:1], (s[0][1:], s[1][1:]), self.cost(point))
+
+    def moved(self, point, step, own):
+        return Point(point.values + step, tuple(a + b for a, b in zip(point.starts, own, strict=True)))
+
+
+@pytest.mark.parametrize("apart, reached", [(True, True), (False, False)])
+def test_a_trace_that_is_hard_to_start_does_not_hold_up_the_others(apart, reached):
+    begin = Point(np.zeros(1), (np.zeros(1), np.ones(1)))
+    found = solve(Kinked(), begin, most=8, apart=apart)
+    assert bool(Kinked().costs(found.point)[0] < 1e-6) is reached
+    assert found.cost < Kinked().cost(begin)
