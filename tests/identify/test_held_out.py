@@ -8,6 +8,7 @@ import pytest
 from drivetool.drive.chain import one_body
 from drivetool.identify.engine import by_innovations
 from drivetool.identify.explanations.candidates import candidates_of
+from drivetool.identify.explanations.explanation import _no_inertia
 from drivetool.identify.explanations.held_out import PART, _part, held_out_errors
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
@@ -28,6 +29,24 @@ def test_a_joint_whose_neighbour_moves_is_no_one_body(number, seed, seconds):
     failure = next(f for f in found.findings if f.code == "explains-nothing")
     assert failure.severity == "failure" and "held out" in failure.text
     assert all(p.ci95 is None and p.std is None for p in found.parameters)
+
+
+@pytest.mark.slow
+def test_a_torque_that_moves_no_inertia_explains_nothing():
+    joint = draw(11, 860_011, 6.0)
+    made = experiment(joint.torque, joint.measured, step=STEP)
+    made = replace(made, signals={"motor_torque": joint.torque, joint.role: joint.measured})
+    start = {"motor.inertia": 0.7 * joint.inertia, "motor.viscous": 0.0, "motor.coulomb": 0.0}
+    found = greybox([made], one_body().with_values(start), Options())
+    assert "explains-nothing" in {f.code for f in found.findings}
+    assert all(p.ci95 is None for p in found.parameters)
+
+
+@pytest.mark.parametrize("name, low, found", [
+    ("motor.inertia", True, True), ("motor.inertia", False, False), ("motor.viscous", True, False)])
+def test_an_inertia_at_its_bound_is_none(name, low, found):
+    task = task_of(record(swing(250)))
+    assert _no_inertia(task.at({name: task.drive.quantity(name).bounds[0]} if low else {})) is found
 
 
 def test_a_right_drive_explains_what_is_held_out():

@@ -158,6 +158,8 @@ def explain(field: Field) -> Explanation | None:
         error, line = held_out_errors(field)
         worthless = error > NOTHING_HELD_OUT * line > 0.0
         findings = (*findings, _nothing_held_out(error, line)) if worthless else findings
+        if not worthless and _no_inertia(own):
+            worthless, findings = True, (*findings, _nothing_accelerates(errors[name], straight))
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
                        worthless)
@@ -184,6 +186,20 @@ def _nothing_held_out(error: float, straight: float) -> Finding:
         _nothing(error, straight),
         text="The logged torque does not explain the parts of the record that were held out: free runs there err "
              f"{error / straight:.2f} times as much as straight lines of the speed do. This drive is not that "
+             "machine, or torque and motion are not of one axis.")
+
+
+def _no_inertia(own: Task) -> bool:
+    """Whether an inertia is at its lower bound."""
+    names = [n for n in own.free if n.endswith((".inertia", ".carried_mass"))]
+    return any(own.drive.values[n] <= own.drive.quantity(n).bounds[0] for n in names)
+
+
+def _nothing_accelerates(error: float, straight: float) -> Finding:
+    """The same of a torque that moves no inertia."""
+    return replace(
+        _nothing(error, straight),
+        text="The motion follows the logged torque best without any inertia, and not well. This drive is not that "
              "machine, or torque and motion are not of one axis.")
 
 
