@@ -78,7 +78,8 @@ CODES = {
     "gap-may-have-opened": Code(
         WARNING,
         "The shaft torque changes its sign in the record. A backlash gap would open there, and the fitted model "
-        "has none.",
+        "has none. `greybox` says so where it cannot ask the record for a gap: with several shafts, or a stiffness "
+        "that is held.",
         "Use torque steps upward from a constant speed; if there is no gap, say so with `--set shaft.half_gap=0`."),
     "gap-not-crossed": Code(
         WARNING,

@@ -29,7 +29,7 @@ from drivetool.identify.engine import (
 )
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.explanations.explanation import explained
-from drivetool.identify.explanations.left_out import lack_of, without_shaft
+from drivetool.identify.explanations.left_out import can_be_asked, lack_of, without_shaft
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
@@ -87,7 +87,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)
         estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
-    if outcome.drive.shafts and not has_gap(outcome.task) and lacking:
+    if outcome.drive.shafts and not has_gap(outcome.task) and lacking and not can_be_asked(*chosen_fit.rivals[:2]):
         opened = opened_gaps(outcome.task.at_point(outcome.solution.point), "this drive has none")
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():

@@ -1,12 +1,14 @@
 """Torque noise from none to strong: whether its ratio is found, and whether a right model is said to be right.
 
-    DRIVETOOL_STUDY_RATIO=500 python -m pytest -m study -s tests/study/study_noise_ratio.py
+    DRIVETOOL_STUDY_RATIO=500 DRIVETOOL_STUDY_DIAGNOSED=100 \
+        python -m pytest -m study -s tests/study/study_noise_ratio.py
 
 A record of a linear two-mass drive or of one body with dry friction, in which the model is right, and another one
 of the same machine that the fit has not seen. The ratio is that of what the torque noise moves the motor by within
 a second, root mean square, to the sensor's noise.
 
-DRIVETOOL_STUDY_RATIO  number of records; DRIVETOOL_STUDY_SHIFT: other seeds
+DRIVETOOL_STUDY_RATIO      number of records that are fitted; DRIVETOOL_STUDY_SHIFT: other seeds
+DRIVETOOL_STUDY_DIAGNOSED  number of records in which a cause is sought
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
@@ -27,6 +30,7 @@ from drivetool.identify.greybox import default_free
 from drivetool.identify.noise import integrated, natural_ratio
 from drivetool.identify.setup import reverses, roles_of
 from drivetool.logs.experiment import Experiment
+from tests.hidden.command import read
 from tests.recover import drive_like, experiment, linear_record
 from tests.simulator.machine import Machine, machine_by_seed
 from tests.simulator.records import white_noise, write_parquet
@@ -124,12 +128,7 @@ def one(case: Case) -> dict:
     records = records_of(case)
     drive = {"one-body": one_body, "two-mass": two_mass}[case.kind]().with_values(records.start)
     with tempfile.TemporaryDirectory() as room:
-        for name, e in (("fitted", records.fitted), ("held", records.held)):
-            units = {"motor_torque": "Nm", "motor_speed": "rad/s"}
-            write_parquet(Path(room) / f"{name}.parquet", {r: (e.signals[r], u) for r, u in units.items()}, e.step)
-        words = ["greybox", "fitted.parquet", "--drive", case.kind, "--criterion", "innovations", "--json", "--out",
-                 "fit.yaml", "--quiet", *(w for n, v in records.start.items() for w in ("--set", f"{n}={v!r}"))]
-        fit = run_inside(Path(room), words)
+        fit = greybox(Path(room), case, records, "innovations")
         if fit.returncode not in (0, 3):
             return {"failed": fit.stderr[-300:]}
         judged = run_inside(Path(room), ["validate", "held.parquet", "--params", "fit.yaml", "--json"])
@@ -138,6 +137,31 @@ def one(case: Case) -> dict:
     return {"behind": behind(coloured(by_innovations(task, [{}]))), "code": judged.returncode,
             "noise": answer["noise"], "findings": [f["code"] for f in answer["findings"]],
             "said": [f["code"] for f in said["findings"]]}
+
+
+def greybox(room: Path, case: Case, records: Records, criterion: str) -> CompletedProcess:
+    """Write both records and fit the first: fit.yaml."""
+    units = {"motor_torque": "Nm", "motor_speed": "rad/s"}
+    for name, e in (("fitted", records.fitted), ("held", records.held)):
+        write_parquet(room / f"{name}.parquet", {r: (e.signals[r], u) for r, u in units.items()}, e.step)
+    words = ["greybox", "fitted.parquet", "--drive", case.kind, "--criterion", criterion, "--json", "--out",
+             "fit.yaml", "--quiet", *(w for n, v in records.start.items() for w in ("--set", f"{n}={v!r}"))]
+    return run_inside(room, words)
+
+
+def diagnosed(case: Case) -> dict:
+    """The verdict on a record in which nothing is hidden, judged by the other."""
+    with tempfile.TemporaryDirectory() as place:
+        room = Path(place)
+        fit = greybox(room, case, records_of(case), "auto")
+        if fit.returncode not in (0, 3):
+            return {"verdict": "failed", "said": fit.stderr[-300:]}
+        done = run_inside(room, ["diagnose", "fitted.parquet", "--params", "fit.yaml", "--holdout", "held.parquet",
+                                 "--out", "extended.yaml", "--quiet"])
+        if done.returncode not in (0, 3):
+            return {"verdict": "failed", "said": done.stderr[-300:]}
+        answer = read(room / "extended.yaml")
+        return {"verdict": answer.verdict, "said": answer.causes}
 
 
 def behind(outcome: Outcome) -> float:
@@ -169,3 +193,16 @@ def test_torque_noise_of_any_strength():
               f"{sum(r['code'] != 0 for r in these)}, {sum(DOUBT in r['findings'] for r in these)}")
     assert not stuck, stuck
     assert len(missed) <= ALLOWED * len(rows), missed
+
+
+@pytest.mark.study
+def test_no_cause_is_named_where_nothing_is_hidden():
+    """At most one false alarm in a hundred."""
+    wanted = cases(int(os.environ.get("DRIVETOOL_STUDY_DIAGNOSED", "100")))
+    alarms = []
+    for case in wanted:
+        row = diagnosed(case)
+        print(case, row["verdict"], row["said"], flush=True)
+        alarms += [] if row["verdict"] == "nothing-found" else [(case, row)]
+    print(f"\n{len(wanted)} records from seed {FIRST_SEED}: {len(alarms)} not without a finding")
+    assert len(alarms) <= ALLOWED * len(wanted), alarms

@@ -63,10 +63,7 @@ def lack_of(outcome: Outcome, white: Outcome, rival: Outcome) -> Lack | None:
     white    one with white torque noise, in which a lack has not passed for noise with a memory
     rival    the likeliest with laws: a gap or a third mass must explain more than all of them
     """
-    drive = outcome.task.drive
-    if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
-        return None
-    if f"{drive.shafts[0]}.stiffness" not in outcome.task.free:
+    if not can_be_asked(outcome, white):
         return None
     task, fit = _gap(outcome, white)
     gain = _gained(outcome, fit, rival)
@@ -76,6 +73,14 @@ def lack_of(outcome: Outcome, white: Outcome, rival: Outcome) -> Lack | None:
     task, fit = _third_mass(outcome, white, min(outcome.fit.value, rival.fit.value))
     gain = _gained(outcome, fit, rival)
     return Lack("mass-left-out", gain, task) if gain > GAIN else None
+
+
+def can_be_asked(outcome: Outcome, white: Outcome) -> bool:
+    """Whether the record is asked for a gap and a third mass at all."""
+    drive = outcome.task.drive
+    if outcome.fit is None or white.fit is None or len(drive.bodies) != 2 or has_gap(outcome.task):
+        return False
+    return f"{drive.shafts[0]}.stiffness" in outcome.task.free
 
 
 def _gained(outcome: Outcome, fit: Fit | None, rival: Outcome) -> float:
