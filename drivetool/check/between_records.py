@@ -12,6 +12,7 @@ from drivetool.check.linear_step import linear_step
 from drivetool.check.model import BROKEN, Model, likeliest_noise, over
 from drivetool.check.remainder import remainder
 from drivetool.errors import Finding
+from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
@@ -20,6 +21,7 @@ PLAIN = 25.0  # log likelihood that other values must bring
 WHOLE = 0.9  # of what all parameters bring, that a few account for
 FEW = 3  # parameters that are said to have changed
 TRIED = 2  # parameters that are fitted by themselves, the most promising ones
+NULL = 1e-12  # of the largest eigenvalue: what the records of the fit do not tell has no covariance here
 OWN = 25.0  # log likelihood to be had with values of their own, below which the drive describes the records
 
 
@@ -46,7 +48,7 @@ def change_between(model: Model, folds: Sequence[Fold]) -> Change | None:
     if len(folds) != 1:
         return None
     try:
-        return _change(*_held_out(model, folds[0]))
+        return _change(*_held_out(model, folds[0]), _left_open(model, folds[0]))
     except BROKEN:  # what cannot be fitted by itself asks for nothing
         return None
 
@@ -58,10 +60,39 @@ def _held_out(model: Model, fold: Fold) -> tuple[Model, list[np.ndarray]]:
     return likeliest_noise(replace(over(model, keep), task=model.fitted), masks), masks
 
 
-def _change(held: Model, masks: list[np.ndarray]) -> Change | None:
+def _information(model: Model) -> np.ndarray:
+    """(k, k) of the free parameters, start states eliminated."""
+    normal = normal_under(model.problem, model.point, model.noise)
+    variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
+    return schur(normal)[0] / variance
+
+
+def _left_open(model: Model, fold: Fold) -> np.ndarray:
+    """(k, k) covariance that the records of the fit leave the values."""
+    told = _information(over(model, [i for i, mask in enumerate(fold.train) if mask.any()]))
+    size = np.sqrt(np.where(np.diag(told) > 0.0, np.diag(told), 1.0))
+    return np.linalg.pinv(told / np.outer(size, size), rcond=NULL, hermitian=True) / np.outer(size, size)
+
+
+def share_beyond(change: np.ndarray, told: np.ndarray, left_open: np.ndarray) -> float:
+    """The share of a gain in log likelihood that the errors of both fits do not bring.
+
+    A record that tells a value better than those of the fit did asks for another one, and gains by it.
+
+    change     (k,) of the values; told: (k, k) information of the records that ask for it
+    left_open  (k, k) covariance of the values before
+    source     Wald 1943: the difference of two estimates over the sum of their covariances
+    """
+    whole = float(change @ told @ change)
+    beyond = float(change @ told @ np.linalg.solve(np.eye(len(change)) + left_open @ told, change))
+    return beyond / whole if whole > 0.0 else 0.0
+
+
+def _change(held: Model, masks: list[np.ndarray], left_open: np.ndarray) -> Change | None:
     own = refit(held, masks, renew=True)
     possible = held.value - own.value
-    if not possible > PLAIN + len(held.task.free):
+    share = share_beyond(own.point.values - held.point.values, _information(own), left_open)
+    if not share * possible > PLAIN + len(held.task.free):
         return None
     told: tuple[str, ...] = ()
     best = held

@@ -56,7 +56,8 @@ CODES = {
     "held-out-record-differs": Code(
         WARNING,
         "A held-out record asks for other parameter values than the records of the fit: the log likelihood rises "
-        "clearly when the stated parameters change. The machine changed, or a law is missing.",
+        "clearly when the stated parameters change, by more than the uncertainty of both fits brings. The machine "
+        "changed, or a law is missing.",
         "Fit each record by itself, or hold out one that was made under the same conditions."),
     "held-out-record-was-fitted": Code(
         WARNING,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.between_records import change_between
+from drivetool.check.between_records import change_between, share_beyond
 from drivetool.check.diagnose import base_model
 from drivetool.check.heldout import Fold
 from drivetool.check.model import everything, judge, likeliest_noise, over
@@ -59,3 +59,23 @@ def test_halves_of_records_hold_none_out(absorbed):
     base, samples = absorbed
     assert held_out([*samples, *samples]) == []
     assert np.isfinite(remainder(base, []).total)
+
+
+@pytest.mark.parametrize("left_open, share", [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)])
+def test_what_the_fit_left_open_counts_as_much_as_its_covariance(left_open, share):
+    """Two estimates of one value: half their squared difference over the sum of both variances."""
+    told = np.diag([4.0, 0.25])
+    found = share_beyond(np.array([0.3, -2.0]), told, left_open * np.linalg.inv(told))
+    assert found == pytest.approx(share)
+    assert share_beyond(np.zeros(2), told, np.eye(2)) == 0.0
+
+
+def test_the_gain_beyond_is_that_of_one_value_for_both_records():
+    """Values of their own over the best common ones, by two quadratic forms."""
+    rng = np.random.default_rng(3)
+    a, b = (m @ m.T for m in rng.standard_normal((2, 3, 3)))
+    change = rng.standard_normal(3)
+    common = np.linalg.solve(a + b, b @ change)  # of the first's values, which are zero
+    cost = 0.5 * common @ a @ common + 0.5 * (change - common) @ b @ (change - common)
+    whole = 0.5 * change @ b @ change
+    assert share_beyond(change, b, np.linalg.inv(a)) * whole == pytest.approx(cost)

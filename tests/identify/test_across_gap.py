@@ -16,6 +16,9 @@ from drivetool.identify.explanations.regression import BLOCKS
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.task import Outcome, Task
+from tests.study.shared.command import greybox
+from tests.study.two_masses.estimators import NAMES, start_values
+from tests.study.two_masses.record import STEP, draw
 
 FREE = ("motor.inertia", "motor.coulomb", "shaft.half_gap")
 
@@ -104,6 +107,30 @@ def test_free_runs_are_the_one_witness_and_none_of_friction():
     # Of free runs that err by far more nothing is believed.
     far = errors | {"free runs, laws": 2.5}
     assert not spread(field, far, "coloured, laws", made.free)[1].any()
+
+
+@pytest.mark.slow
+def test_a_law_beside_a_gap_is_taken_out_and_leaves_the_shaft_right():
+    seed = 912_001
+    record = draw("gap+motor.stribeck", "S", 2, seed)
+    start = start_values(record, seed)
+    words = ["--drive", "two-mass", "--free", "shaft.half_gap"]
+    found, plain = (greybox(STEP, record.channels, start, NAMES, [*words, "--criterion", criterion])
+                    for criterion in ("auto", "innovations"))
+    assert "model-error" in found["findings"]
+    t = record.truth
+    truth = {"motor.inertia": t.motor_inertia, "load.inertia": t.load_inertia, "shaft.stiffness": t.stiffness,
+             "shaft.half_gap": t.half_gap}
+    for name, true in truth.items():
+        low, high = found["ci95"][NAMES.index(name)]
+        assert low < true < high and high - low < 0.01 * true
+
+    def friction(answer):
+        motor, load, level = (answer["value"][NAMES.index(f"{b}.{n}")] for b, n in (
+            ("motor", "viscous"), ("load", "viscous"), ("motor", "coulomb")))
+        return np.sqrt(np.mean(((motor + load) * t.speeds + level - t.curve) ** 2)) / np.mean(t.curve)
+
+    assert friction(found) < friction(plain)
 
 
 class Kinked:
