@@ -94,6 +94,7 @@ def test_a_load_step_is_looked_for_beside_an_imbalance():
     assert instant == pytest.approx(trace.origin + AT * trace.step, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
     machine, size = machine_by_seed(20), 6000
     torque = 0.3 * machine.rated_torque * np.sin(2.0 * np.pi * 0.5 * STEP * np.arange(size))

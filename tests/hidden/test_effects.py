@@ -157,6 +157,7 @@ def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured
     assert grade(causes, answer) == "right", answer.talk
 
 
+@pytest.mark.slow
 def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     """Of 30 % at twice the resonance: a trace there is unlikely, and its growth promises less than elsewhere."""
     answer, causes = answered("third-mass", 241106, tmp_path / "records", tmp_path / "labels",
