@@ -76,6 +76,7 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
                                       "minus_log_likelihood_above_best": 0.0}])
     other = outcome(value, numbers, of=best.task)
     monkeypatch.setattr(across_gap, "near", lambda task, before: other)
+    monkeypatch.setattr(across_gap, "is_hard", lambda task: True)
     found = from_free_runs(best, best.task)
     assert found.fit.value == min(value, 0.0) and (found.solution is other.solution) is likelier
     last = found.starts[-1]
@@ -83,12 +84,17 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
     assert (last["minus_log_likelihood_above_best"] < 5.0 and last["apart"] < 20.0) is agree
 
 
-def test_of_a_drive_with_laws_the_search_without_says_nothing(monkeypatch):
-    start = {"reached": {"a": 1.0}, "apart": 0.0, "minus_log_likelihood_above_best": 0.0}
+@pytest.mark.parametrize("start, hard, ways", [
+    ({"reached": {"a": 1.0}, "apart": 0.0}, True, ["best", "free runs"]),  # fewer were free in the search
+    ({"reached": {"a": 1.0, "b": 2.0}}, True, ["best", "free runs"]),  # from one place, with more free than there
+    ({"reached": {"a": 1.0, "b": 2.0}}, False, ["found", "found", "free runs"])])  # where one place is enough
+def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, start, hard, ways):
+    start = {"way": "found", "minus_log_likelihood_above_best": 0.0, **start}
     best = outcome(0.0, [1.0, 2.0], [start, start])
     monkeypatch.setattr(across_gap, "near", lambda task, before: outcome(90.0, [9.0, 9.0], of=best.task))
+    monkeypatch.setattr(across_gap, "is_hard", lambda task: hard)
     starts = from_free_runs(best, best.task).starts
-    assert [s["way"] for s in starts] == ["best", "free runs"]
+    assert [s["way"] for s in starts] == ways
 
 
 def test_free_runs_are_the_one_witness_and_none_of_friction():

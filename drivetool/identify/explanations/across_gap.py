@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from drivetool.identify.engine import is_hard
 from drivetool.identify.explanations.fit_with_laws import near
 from drivetool.identify.explanations.judge import Judge
 from drivetool.identify.search import apart
@@ -37,7 +38,8 @@ def from_free_runs(best: Outcome, task: Task) -> Outcome:
              "reached": reached, "apart": apart(first.problem, first.solution, second.solution)}
     own = {"way": "best", "minus_log_likelihood_above_best": 0.0, "apart": 0.0,
            "reached": dict(zip(first.task.free, first.solution.point.values.tolist(), strict=True))}
-    # Of another optimum, or of a drive with laws, the starts of the search say nothing.
-    searched = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
-    before = best.starts if searched else (own,)
+    # Of another optimum, or of a drive with more free than was searched, the starts of the search say nothing.
+    same = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
+    searched = not is_hard(best.task) or all("apart" in s for s in best.starts)
+    before = best.starts if same and searched else (own,)
     return replace(first, starts=(*before, entry))
