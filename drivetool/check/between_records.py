@@ -21,7 +21,7 @@ PLAIN = 25.0  # log likelihood that other values must bring
 WHOLE = 0.9  # of what all parameters bring, that a few account for
 FEW = 3  # parameters that are said to have changed
 TRIED = 2  # parameters that are fitted by themselves, the most promising ones
-NULL = 1e-12  # of the largest eigenvalue: what the records of the fit do not tell has no covariance here
+NULL = 1e-12  # of the largest eigenvalue, below which neither record tells a direction
 OWN = 25.0  # log likelihood to be had with values of their own, below which the drive describes the records
 
 
@@ -48,7 +48,8 @@ def change_between(model: Model, folds: Sequence[Fold]) -> Change | None:
     if len(folds) != 1:
         return None
     try:
-        return _change(*_held_out(model, folds[0]), _left_open(model, folds[0]))
+        fitted = over(model, [i for i, mask in enumerate(folds[0].train) if mask.any()])
+        return _change(*_held_out(model, folds[0]), _information(fitted))
     except BROKEN:  # what cannot be fitted by itself asks for nothing
         return None
 
@@ -67,31 +68,26 @@ def _information(model: Model) -> np.ndarray:
     return schur(normal)[0] / variance
 
 
-def _left_open(model: Model, fold: Fold) -> np.ndarray:
-    """(k, k) covariance that the records of the fit leave the values."""
-    told = _information(over(model, [i for i, mask in enumerate(fold.train) if mask.any()]))
-    size = np.sqrt(np.where(np.diag(told) > 0.0, np.diag(told), 1.0))
-    return np.linalg.pinv(told / np.outer(size, size), rcond=NULL, hermitian=True) / np.outer(size, size)
-
-
-def share_beyond(change: np.ndarray, told: np.ndarray, left_open: np.ndarray) -> float:
+def share_beyond(change: np.ndarray, told: np.ndarray, before: np.ndarray) -> float:
     """The share of a gain in log likelihood that the errors of both fits do not bring.
 
     A record that tells a value better than those of the fit did asks for another one, and gains by it.
 
-    change     (k,) of the values; told: (k, k) information of the records that ask for it
-    left_open  (k, k) covariance of the values before
-    source     Wald 1943: the difference of two estimates over the sum of their covariances
+    change  (k,) of the values; told: (k, k) information of the records that ask for it
+    before  (k, k) information of the records of the fit: what they do not tell may be anything
+    source  Wald 1943: the difference of two estimates over the sum of their covariances
     """
     whole = float(change @ told @ change)
-    beyond = float(change @ told @ np.linalg.solve(np.eye(len(change)) + left_open @ told, change))
-    return beyond / whole if whole > 0.0 else 0.0
+    size = np.sqrt(np.diag(told + before))
+    size[size == 0.0] = 1.0
+    both = np.linalg.pinv((told + before) / np.outer(size, size), rcond=NULL, hermitian=True) / np.outer(size, size)
+    return float(change @ before @ both @ told @ change) / whole if whole > 0.0 else 0.0
 
 
-def _change(held: Model, masks: list[np.ndarray], left_open: np.ndarray) -> Change | None:
+def _change(held: Model, masks: list[np.ndarray], before: np.ndarray) -> Change | None:
     own = refit(held, masks, renew=True)
     possible = held.value - own.value
-    share = share_beyond(own.point.values - held.point.values, _information(own), left_open)
+    share = share_beyond(own.point.values - held.point.values, _information(own), before)
     if not share * possible > PLAIN + len(held.task.free):
         return None
     told: tuple[str, ...] = ()

@@ -61,13 +61,21 @@ def test_halves_of_records_hold_none_out(absorbed):
     assert np.isfinite(remainder(base, []).total)
 
 
-@pytest.mark.parametrize("left_open, share", [(0.0, 1.0), (1.0, 0.5), (3.0, 0.25)])
-def test_what_the_fit_left_open_counts_as_much_as_its_covariance(left_open, share):
+@pytest.mark.parametrize("factor, share", [(1e9, 1.0), (1.0, 0.5), (1.0 / 3.0, 0.25), (0.0, 0.0)])
+def test_what_the_fit_left_open_counts_as_much_as_its_covariance(factor, share):
     """Two estimates of one value: half their squared difference over the sum of both variances."""
     told = np.diag([4.0, 0.25])
-    found = share_beyond(np.array([0.3, -2.0]), told, left_open * np.linalg.inv(told))
-    assert found == pytest.approx(share)
+    assert share_beyond(np.array([0.3, -2.0]), told, factor * told) == pytest.approx(share, abs=1e-8)
     assert share_beyond(np.zeros(2), told, np.eye(2)) == 0.0
+
+
+@pytest.mark.parametrize("correlation", [0.0, 1.0 - 1e-10, 1.0])
+def test_a_direction_that_the_fit_did_not_tell_may_be_anything(correlation):
+    """Of two values their sum was told, and now their difference is."""
+    before = np.array([[1.0, correlation], [correlation, 1.0]])
+    change = np.array([1.0, -1.0])
+    share = share_beyond(change, 100.0 * np.outer(change, change), before)
+    assert share == pytest.approx((1.0 - correlation) / (1.0 - correlation + 200.0), abs=1e-9)
 
 
 def test_the_gain_beyond_is_that_of_one_value_for_both_records():
@@ -78,4 +86,4 @@ def test_the_gain_beyond_is_that_of_one_value_for_both_records():
     common = np.linalg.solve(a + b, b @ change)  # of the first's values, which are zero
     cost = 0.5 * common @ a @ common + 0.5 * (change - common) @ b @ (change - common)
     whole = 0.5 * change @ b @ change
-    assert share_beyond(change, b, np.linalg.inv(a)) * whole == pytest.approx(cost)
+    assert share_beyond(change, b, a) * whole == pytest.approx(cost)

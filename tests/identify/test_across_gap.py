@@ -42,9 +42,10 @@ def test_free_runs_are_short_where_a_gap_acts_or_is_fitted(gap, free, seconds):
     assert run_length(task(gap, free, step=0.1)) == 2.0  # twenty samples, whatever the drive
 
 
-@pytest.mark.parametrize("ratio, wanted", [(1.15, False), (1.25, True), (1.0 / 1.25, False)])
-def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, wanted):
-    judge = SimpleNamespace(error=lambda point: float(point.values[0]))
+@pytest.mark.parametrize("ratio, straight, wanted", [
+    (1.15, 1.0, False), (1.25, 1.0, True), (1.0 / 1.25, 1.0, False), (9.0, 0.0, False)])
+def test_laws_are_confirmed_by_a_smaller_error_of_free_runs(ratio, straight, wanted):
+    judge = SimpleNamespace(error=lambda point: float(point.values[0]), straight=lambda task: straight)
     without, with_them = outcome(0.0, [ratio, 0.0]), outcome(-1e6, [1.0, 0.0])
     assert confirmed(judge, without, with_them) is wanted
 
@@ -70,6 +71,7 @@ def test_a_law_must_gain_more_across_a_gap(monkeypatch, drive, gain, taken):
 @pytest.mark.parametrize("value, numbers, likelier, agree", [
     (2.0, [1.0, 3.0], False, True),  # the same place
     (2.0, [1.0, 13.0], False, False),  # as likely, and elsewhere
+    (-0.5, [1.0, 13.0], False, False), (90.0, [1.0 + 1e-7, 2.0], False, True), (-2.0, [1.0, 3.0], True, True),
     (-90.0, [1.0, 13.0], True, False)])
 def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, numbers, likelier, agree):
     best = outcome(0.0, [1.0, 2.0], [{"reached": {"a": 1.0, "b": 2.0}, "apart": 0.0,
@@ -78,7 +80,7 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
     monkeypatch.setattr(across_gap, "near", lambda task, before: other)
     monkeypatch.setattr(across_gap, "is_hard", lambda task: True)
     found = from_free_runs(best, best.task)
-    assert found.fit.value == min(value, 0.0) and (found.solution is other.solution) is likelier
+    assert found.fit.value == (value if likelier else 0.0) and (found.solution is other.solution) is likelier
     last = found.starts[-1]
     assert len(found.starts) == 2
     assert (last["minus_log_likelihood_above_best"] < 5.0 and last["apart"] < 20.0) is agree

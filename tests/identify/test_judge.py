@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive.chain import one_body
 from drivetool.identify.explanations.judge import Judge
-from drivetool.identify.explanations.motion import smoothing_of
+from drivetool.identify.explanations.motion import Smoothing, smoothing_of
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -118,3 +118,12 @@ def test_the_fit_is_that_of_the_speed(role):
         nearest = 0.6 * np.exp(-0.6 * time) * np.linalg.lstsq(rows, angle, rcond=None)[0][1]
     expected = 100.0 * (1.0 - np.sqrt(np.mean((true - nearest) ** 2)) / np.std(true))
     assert found == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize("window, size, wanted", [
+    (5, 200, 5), (144, 20, 5), (144, 3, 1), (10, 40, 10), (11, 40, 10)])
+def test_no_mean_is_as_long_as_a_run(window, size, wanted):
+    judge = Judge(Smoothing(0.4 / window, 0.0), Noise(1.0, None, np.ones(1)))
+    assert judge.window(size) == wanted
+    error = judge._as_speed(np.linspace(-1.0, 1.0, size), 1.0, False)
+    assert len(error) == size - wanted + 1 and (size < 4 or np.std(error) > 0.3)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from drivetool.identify.engine import is_hard
 from drivetool.identify.explanations.fit_with_laws import near
 from drivetool.identify.explanations.judge import Judge
@@ -17,10 +19,14 @@ from drivetool.identify.task import Outcome, Task
 # Over the error of free runs with laws, from which that without them confirms the laws. What is no law changes it
 # by less than a tenth, also in wrong optima; a cogging torque of 5 % changed it by a factor of fifteen.
 CONFIRMED = 1.2
+LIKELIER = 1.0  # log likelihood: less is no other optimum
+SAME = 1e-6  # relative, of all values: without noise any two points lie far apart in log likelihood
 
 
 def confirmed(judge: Judge, without: Outcome, with_them: Outcome) -> bool:
-    """Whether free runs are the better for the laws."""
+    """Whether free runs are the better for the laws; of a record that shows no motion none is confirmed."""
+    if not judge.straight(without.task) > 0.0:
+        return False
     before, after = (judge.error(o.task.at_point(o.solution.point)) for o in (without, with_them))
     return before > CONFIRMED * after
 
@@ -32,14 +38,17 @@ def from_free_runs(best: Outcome, task: Task) -> Outcome:
     task  at the values that free runs find
     """
     other = near(task, best)
-    first, second = sorted((best, other), key=lambda o: o.fit.value)
+    same = np.allclose(other.solution.point.values, best.solution.point.values, rtol=SAME, atol=0.0)
+    first, second = (best, other) if same or other.fit.value > best.fit.value - LIKELIER else (other, best)
     reached = dict(zip(first.task.free, second.solution.point.values.tolist(), strict=True))
-    entry = {"way": "free runs", "minus_log_likelihood_above_best": float(second.fit.value - first.fit.value),
-             "reached": reached, "apart": apart(first.problem, first.solution, second.solution)}
-    own = {"way": "best", "minus_log_likelihood_above_best": 0.0, "apart": 0.0,
+    behind = 0.0 if same else max(float(second.fit.value - first.fit.value), 0.0)
+    entry = {"way": "free runs" if second is other else "search", "reached": reached,
+             "minus_log_likelihood_above_best": behind,
+             "apart": 0.0 if same else apart(first.problem, first.solution, second.solution)}
+    own = {"way": "best" if first is best else "free runs", "minus_log_likelihood_above_best": 0.0, "apart": 0.0,
            "reached": dict(zip(first.task.free, first.solution.point.values.tolist(), strict=True))}
     # Of another optimum, or of a drive with more free than was searched, the starts of the search say nothing.
-    same = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
+    alike = first is best and all(set(s.get("reached", ())) == set(best.task.free) for s in best.starts)
     searched = not is_hard(best.task) or all("apart" in s for s in best.starts)
-    before = best.starts if same and searched else (own,)
+    before = best.starts if alike and searched else (own,)
     return replace(first, starts=(*before, entry))

@@ -16,7 +16,7 @@ from drivetool.identify.explanations.across_gap import confirmed, from_free_runs
 from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.explanations.foretold import with_laws
 from drivetool.identify.explanations.influence import influence_of
-from drivetool.identify.explanations.judge import Judge, run_length
+from drivetool.identify.explanations.judge import SHARES, Judge, run_length
 from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
 from drivetool.identify.explanations.motion import Motions, motions_of, motions_through
@@ -184,8 +184,9 @@ def _of_fit(outcome: Outcome, line: np.ndarray) -> Candidate:
 def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
     """The fit to free runs, each with an idle torque of its own; that of the drive is as it was before."""
     start = best.task.at_point(best.solution.point)
-    fitted = tuple(n for n in start.free if not n.endswith(".idle_torque"))
-    outcome = by_simulation(replace(start, free=fitted), run_length(start), [{}], near=True, lag=seen.lag,
+    fitted, length = tuple(n for n in start.free if not n.endswith(".idle_torque")), run_length(start)
+    lag = min([seen.lag, *(max(t.size // SHARES, 1) for t in start.traces(length))])
+    outcome = by_simulation(replace(start, free=fitted), length, [{}], near=True, lag=lag,
                             own=len(fitted) < len(start.free))
     _, influence = influence_of(best)
     before = _candidate(best.task, best.solution.point.values, influence.copy(), None, best, line)

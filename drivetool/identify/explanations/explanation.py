@@ -17,7 +17,7 @@ from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
 from drivetool.identify.explanations.candidates import Candidate, Field, candidates_of, why_alone
 from drivetool.identify.explanations.held_out import held_out_errors
 from drivetool.identify.explanations.influence import SLACK, sandwich
-from drivetool.identify.explanations.judge import SHORT
+from drivetool.identify.explanations.judge import run_length
 from drivetool.identify.explanations.laws import UNFELT
 from drivetool.identify.explanations.motion import NOISE_SHARE
 from drivetool.identify.explanations.own_parameters import within_bounds
@@ -72,6 +72,7 @@ class Explanation:
     figures        fit of free runs to the speed [%]: of the drive alone, and with the laws
     findings       what follows for the drive
     worthless      whether the logged torque explains nothing
+    asked          (k,) whether other explanations were asked for a parameter; None: for all
     """
 
     sentence: str
@@ -85,6 +86,7 @@ class Explanation:
     figures: Mapping[str, float]
     findings: tuple[Finding, ...]
     worthless: bool
+    asked: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,7 @@ def explain(field: Field) -> Explanation | None:
             worthless, findings = True, (*findings, _nothing_accelerates(errors[name], straight))
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
-                       worthless)
+                       worthless, _asked(field, errors, task.free, measured))
 
 
 def _error(field: Field, c: Candidate) -> float:
@@ -174,7 +176,7 @@ def _error(field: Field, c: Candidate) -> float:
 def _nothing(error: float, straight: float) -> Finding:
     return Finding(
         "failure", "explains-nothing",
-        "The logged torque explains nothing, whatever was fitted: free runs of a second err as much as straight "
+        "The logged torque explains nothing, whatever was fitted: short free runs err as much as straight "
         "lines of the speed do. This drive is not that machine, or torque and motion are not of one axis.",
         {"error": error, "error of straight lines": straight},
         "Check the channels, units and signs; run drivetool inspect; try another --drive.")
@@ -225,11 +227,9 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
     noise = np.sqrt(np.maximum(np.diag(by_blocks), np.diag(base)))
     compared = ("regression, laws", "free runs, laws") if measured else REFEREES
     compared = ("free runs, laws",) if has_gap(field.task) else compared
-    # The fit to free runs has the least error by itself, and so does not say what is credible.
-    least = min(errors[n] for n in (MEASURED if measured else (*PREFERRED, *WITHOUT)) if n in errors)
     apart = []
     for other in compared:
-        if other in field.candidates and other != name and errors[other] <= CREDIBLE * least:
+        if other in field.candidates and other != name and _credible(errors, other, measured):
             d = field.candidates[other]
             off = np.where(_compared(field, other, free), c.own - d.own, 0.0)
             one = np.sqrt(np.diag(sandwich(c.influence - d.influence))) / SLACK
@@ -239,6 +239,20 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
     rows = np.array(apart).reshape(-1, len(c.own))
     structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
     return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
+
+
+def _credible(errors: Mapping[str, float], name: str, measured: bool) -> bool:
+    """Whether a candidate errs little enough to be believed."""
+    # The fit to free runs has the least error by itself, and so does not say what is credible.
+    least = min(errors[n] for n in (MEASURED if measured else (*PREFERRED, *WITHOUT)) if n in errors)
+    return errors[name] <= CREDIBLE * least
+
+
+def _asked(field: Field, errors: Mapping[str, float], free: Sequence[str], measured: bool) -> np.ndarray:
+    """(k,) whether any witness was asked for a parameter; of a drive without a gap there always is one."""
+    if not has_gap(field.task):
+        return np.ones(len(free), bool)
+    return _compared(field, "free runs, laws", free) & _credible(errors, "free runs, laws", measured)
 
 
 def _compared(field: Field, other: str, free: Sequence[str]) -> np.ndarray:
@@ -297,7 +311,10 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
     if measured:
         why = "the logged torque is a measurement, whose noise the drive has not felt"
     elif has_gap(field.task):
-        why = f"across a gap that tells most, and free runs of {SHORT:g} s are the witness"
+        length = f"{run_length(field.task):.2g} s"
+        why = (f"across a gap that is the most accurate, and the fit to free runs of {length} is the witness"
+               if _credible(errors, "free runs, laws", measured) else
+               f"no witness is credible beside it, that of free runs of {length} errs too much")
     elif kind == "free runs":
         why = f"the free runs of the next best explanation err more than {REFUTED:g} times as much"
     else:
@@ -328,7 +345,7 @@ def _findings(c: Candidate, likelier: bool, laws: Sequence[FoundLaw], noise: np.
     return (*unfelt, Finding(
         "warning", "model-error", f"{text}; a noise model would hide it.",
         {f"share of the torque: {n}": s for n, s in heavy.items()},
-        "Run diagnose on this file; the intervals include what the explanations disagree in."),)
+        "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in."),)
 
 
 def _unfelt(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding, ...]:
@@ -375,7 +392,7 @@ def told(lines: Sequence[Parameter], e: Explanation,
         p = replace(p, status="fitted", reason="")
         ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
         found.append(replace(p, value=value, std=std, ci95=ci, std_noise=float(e.std_noise[j]),
-                             std_structure=float(e.std_structure[j])))
+                             std_structure=float(e.std_structure[j]) if e.asked is None or e.asked[j] else None))
         kept.append(j)
     names = tuple(e.own.free[j] for j in kept)
     return tuple(found), Covariance(names, e.covariance[np.ix_(kept, kept)]) if kept else None

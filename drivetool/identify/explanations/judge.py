@@ -16,6 +16,7 @@ from drivetool.identify.setup import first_states
 from drivetool.identify.task import Task, has_gap
 
 LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
+SHARES = 4  # means of a run, at least: fewer are its constant and its slope, which each run has for itself
 SHORT = 0.2  # s, across a gap: errors at a start grow a hundredfold in a second, and not yet in this
 FEWEST = 20  # samples of a run: twice those that a stretch must have
 
@@ -46,20 +47,24 @@ class Judge:
         states = [f.states for f in filtered(whole, point, replace(self.noise, memory=None, slow=None))]
         problem = task.problem(run_length(task, length), ()).with_constant_torque()
         starts, k, done = [], 0, 0
-        wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
+        is_angle = task.roles.outputs[0].endswith("angle")
         for trace in problem.traces:
             while done >= len(states[k]):
                 k, done = k + 1, 0
             starts.append(np.append(states[k][done], 0.0))
             done += trace.size
         if is_angle:
-            problem = replace(problem, lag=wide)
+            problem = replace(problem, lag=self.window(min(t.size for t in problem.traces)))
         # Run by run: one that is hard to start must not damp the steps of the others.
         starts = [solve(replace(problem, traces=(trace,)), Point(np.empty(0), (start,)), most=8,
                         relative=1e-4).point.starts[0] for trace, start in zip(problem.traces, starts, strict=True)]
         plants = problem.plants(np.empty(0), False)
-        errors = [self._as_speed(plant.outputs(trace, start)[:, 0] - trace.outputs[:, 0], trace.step, is_angle)
-                  for plant, trace, start in zip(plants, problem.traces, starts, strict=True)]
+        runs = [plant.outputs(trace, start)[:, 0]
+                for plant, trace, start in zip(plants, problem.traces, starts, strict=True)]
+        if not all(np.isfinite(run).all() for run in runs):
+            return np.inf
+        errors = [self._as_speed(run - trace.outputs[:, 0], trace.step, is_angle)
+                  for run, trace in zip(runs, problem.traces, strict=True)]
         with np.errstate(over="ignore"):  # a drive of nonsense may run away
             return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
@@ -73,9 +78,9 @@ class Judge:
 
     def straight(self, task: Task, length: float = LENGTH) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
-        wide, is_angle = self.smoothing.window, task.roles.outputs[0].endswith("angle")
-        errors, noise = [], []
-        for trace in task.traces(run_length(task, length)):
+        traces, is_angle = task.traces(run_length(task, length)), task.roles.outputs[0].endswith("angle")
+        wide, errors, noise = self.window(min(t.size for t in traces)), [], []
+        for trace in traces:
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
             known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
             share = np.linalg.lstsq(line[known], y[known], rcond=None)[0]
@@ -85,8 +90,12 @@ class Judge:
         least = white * (np.sqrt(2.0) / (wide * trace.step) if is_angle else 1.0 / np.sqrt(wide))
         return found if found > SURE * least else 0.0
 
+    def window(self, size: int) -> int:
+        """Samples over which the errors of a run of that size are averaged: a longer mean would hide them all."""
+        return min(self.smoothing.window, max(size // SHARES, 1))
+
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
-        wide = self.smoothing.window
+        wide = self.window(len(values))
         if is_angle:
             return (values[wide:] - values[:-wide]) / (wide * step)
         return np.convolve(values, np.ones(wide) / wide, "valid")
