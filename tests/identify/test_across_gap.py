@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.identify.explanations import across_gap, foretold
-from drivetool.identify.explanations.across_gap import confirmed, from_free_runs
+from drivetool.identify.explanations.across_gap import confirmed, from_free_runs, was_confirmed
 from drivetool.identify.explanations.candidates import Field
 from drivetool.identify.explanations.explanation import spread
 from drivetool.identify.explanations.judge import run_length
@@ -78,7 +78,6 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
                                       "minus_log_likelihood_above_best": 0.0}])
     other = outcome(value, numbers, of=best.task)
     monkeypatch.setattr(across_gap, "near", lambda task, before: other)
-    monkeypatch.setattr(across_gap, "is_hard", lambda task: True)
     found = from_free_runs(best, best.task)
     assert found.fit.value == (value if likelier else 0.0) and (found.solution is other.solution) is likelier
     last = found.starts[-1]
@@ -86,17 +85,23 @@ def test_the_descent_from_free_runs_confirms_or_is_taken(monkeypatch, value, num
     assert (last["minus_log_likelihood_above_best"] < 5.0 and last["apart"] < 20.0) is agree
 
 
-@pytest.mark.parametrize("start, hard, ways", [
-    ({"reached": {"a": 1.0}, "apart": 0.0}, True, ["best", "free runs"]),  # fewer were free in the search
-    ({"reached": {"a": 1.0, "b": 2.0}}, True, ["best", "free runs"]),  # from one place, with more free than there
-    ({"reached": {"a": 1.0, "b": 2.0}}, False, ["found", "found", "free runs"])])  # where one place is enough
-def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, start, hard, ways):
-    start = {"way": "found", "minus_log_likelihood_above_best": 0.0, **start}
-    best = outcome(0.0, [1.0, 2.0], [start, start])
+@pytest.mark.parametrize("starts, ways", [
+    ([{"reached": {"a": 1.0}}] * 2, ["best", "free runs"]),  # fewer were free in the search
+    ([], ["best", "free runs"]),  # none was made
+    ([{"reached": {"a": 1.0, "b": 2.0}}] * 2, ["found", "found", "free runs"])])
+def test_of_a_drive_with_more_free_the_search_says_nothing(monkeypatch, starts, ways):
+    best = outcome(0.0, [1.0, 2.0], [{"way": "found", "minus_log_likelihood_above_best": 0.0, **s} for s in starts])
     monkeypatch.setattr(across_gap, "near", lambda task, before: outcome(90.0, [9.0, 9.0], of=best.task))
-    monkeypatch.setattr(across_gap, "is_hard", lambda task: hard)
-    starts = from_free_runs(best, best.task).starts
-    assert [s["way"] for s in starts] == ways
+    assert [s["way"] for s in from_free_runs(best, best.task).starts] == ways
+
+
+@pytest.mark.parametrize("starts, wanted", [
+    ([(0.0, 0.0), (4.0, 15.0)], True), ([(0.0, 0.0), (6.0, 15.0)], False), ([(0.0, 0.0), (4.0, 25.0)], False),
+    ([(0.0, None)], True)])  # a fit from one place, that was confirmed
+def test_two_starts_confirm_a_place(starts, wanted):
+    told = [{"minus_log_likelihood_above_best": behind} | ({} if far is None else {"apart": far})
+            for behind, far in starts]
+    assert was_confirmed(outcome(0.0, [1.0, 2.0], told)) is wanted
 
 
 def test_free_runs_are_the_one_witness_and_none_of_friction():

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.engine import again, by_innovations, by_simulation, coloured
-from drivetool.identify.explanations.across_gap import confirmed, from_free_runs
+from drivetool.identify.explanations.across_gap import confirmed, from_free_runs, was_confirmed
 from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.explanations.foretold import with_laws
 from drivetool.identify.explanations.influence import influence_of
@@ -140,12 +140,18 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> Field:
 
 
 def freed_too(white: Outcome, names: Sequence[str]) -> Outcome:
-    """The fit with further parameters free, from everywhere: without them it may have gone astray."""
+    """The fit with further parameters free, from everywhere: without them it may have gone astray.
+
+    Across a gap from where it was: a place that its search has confirmed is not searched for again.
+    """
     task = white.task.at_point(white.solution.point)
     guess = {n: task.drive.values.get(f"{task.drive.bodies[0]}.{n.partition('.')[2]}", 0.0) for n in names}
     free = tuple(n for n in task.drive.quantities if n in {*task.free, *names})
     wider = replace(task.at(guess), free=free)
-    return again(wider, white.fit.noise) if has_gap(task) else by_innovations(wider, [{}])
+    if has_gap(task):
+        found = again(wider, white.fit.noise)
+        return found if was_confirmed(white) else replace(found, starts=())
+    return by_innovations(wider, [{}])
 
 
 def motions_of_bodies(outcome: Outcome, seen: Motions) -> dict[str, Motions]:
