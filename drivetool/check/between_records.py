@@ -49,7 +49,7 @@ def change_between(model: Model, folds: Sequence[Fold]) -> Change | None:
         return None
     try:
         fitted = over(model, [i for i, mask in enumerate(folds[0].train) if mask.any()])
-        return _change(*_held_out(model, folds[0]), _information(fitted))
+        return _change(*_held_out(model, folds[0]), fitted)
     except BROKEN:  # what cannot be fitted by itself asks for nothing
         return None
 
@@ -84,11 +84,14 @@ def share_beyond(change: np.ndarray, told: np.ndarray, before: np.ndarray) -> fl
     return float(change @ before @ both @ told @ change) / whole if whole > 0.0 else 0.0
 
 
-def _change(held: Model, masks: list[np.ndarray], before: np.ndarray) -> Change | None:
+def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | None:
     own = refit(held, masks, renew=True)
     possible = held.value - own.value
-    share = share_beyond(own.point.values - held.point.values, _information(own), before)
-    if not share * possible > PLAIN + len(held.task.free):
+    plain = PLAIN + len(held.task.free)
+    if not possible > plain:
+        return None
+    share = share_beyond(own.point.values - held.point.values, _information(own), _information(fitted))
+    if not share * possible > plain:
         return None
     told: tuple[str, ...] = ()
     best = held

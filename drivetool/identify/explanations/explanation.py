@@ -152,10 +152,10 @@ def explain(field: Field) -> Explanation | None:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
     straight = field.judge.straight(task)
     # The fit to free runs shows most of what the torque explains; across a gap the other may be far off.
-    explained = min(errors[name], errors["free runs, laws"]) if gap else errors[name]
-    worthless = explained > NOTHING * straight > 0.0
+    error = min(errors[name], errors["free runs, laws"]) if gap else errors[name]
+    worthless = error > NOTHING * straight > 0.0
     if worthless:
-        findings = (*findings, _nothing(explained, straight))
+        findings = (*findings, _nothing(error, straight))
     elif errors[name] > PLAINLY * straight and len(task.drive.bodies) == 1:  # of more it was not measured
         error, line = held_out_errors(field)
         worthless = error > NOTHING_HELD_OUT * line > 0.0
