@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.channel_doubt import doubted_channels
-from drivetool.identify.compose import agrees, compose, unsettled
+from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
@@ -27,7 +27,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.results import Z95, covariance_of
-from drivetool.identify.search import AT_ONCE
+from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import fit_apart, split_totals, with_totals

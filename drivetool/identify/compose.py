@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.rounding import explains, rounding_alone
-from drivetool.identify.search import APART, CONFIRMED
+from drivetool.identify.search import CONFIRMED, agrees
 from drivetool.identify.setup import problem_of
 from drivetool.identify.start import contradicted_start
 from drivetool.identify.told_together import on_the_last, only_ratios, told_together, without_sizes
@@ -134,14 +133,6 @@ def starts_of(outcome: Outcome) -> Starts:
     ends = [s["reached"] for s in outcome.starts if agrees(outcome, s)]
     spread = {n: max(e[n] for e in ends) - min(e[n] for e in ends) for n in ends[0]} if ends else {}
     return Starts(len(outcome.starts), len(ends), spread)
-
-
-def agrees(outcome: Outcome, start: Mapping[str, Any]) -> bool:
-    """Whether a start ended as good as the best one, and at the same values."""
-    behind = start.get("minus_log_likelihood_above_best")
-    if behind is None:
-        behind = 0.5 * outcome.problem.count * float(np.log(start["cost_over_best"]))
-    return behind < CONFIRMED and start.get("apart", 0.0) < APART
 
 
 def unsettled(outcome: Outcome) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from drivetool.identify.noise import Noise, excerpt, natural_ratio
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.rough import balanced
 from drivetool.identify.setup import first_point
-from drivetool.identify.task import Task
+from drivetool.identify.task import Outcome, Task
 from drivetool.progress import counted
 
 CONFIRMED = 5.0  # log likelihood within which another start must come
@@ -104,6 +104,14 @@ def apart(problem: Problem, one: Solution, other: Solution) -> float:
     variance = one.cost / max(problem.count - problem.unknowns, 1)
     change = other.point.values - one.point.values
     return float(0.5 * change @ matrix @ change / variance) if variance > 0.0 else 0.0
+
+
+def agrees(outcome: Outcome, start: Mapping[str, Any]) -> bool:
+    """Whether a start ended as good as the best one, and at the same values."""
+    behind = start.get("minus_log_likelihood_above_best")
+    if behind is None:
+        behind = 0.5 * outcome.problem.count * float(np.log(start["cost_over_best"]))
+    return behind < CONFIRMED and start.get("apart", 0.0) < APART
 
 
 def values_of(task: Task) -> np.ndarray:

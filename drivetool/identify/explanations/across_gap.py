@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify import search
 from drivetool.identify.explanations.fit_with_laws import near
 from drivetool.identify.explanations.judge import Judge
+from drivetool.identify.search import agrees, apart
 from drivetool.identify.task import Outcome, Task
 
 # Over the error of free runs with laws, from which that without them confirms the laws. What is no law changes it
@@ -32,9 +32,7 @@ def confirmed(judge: Judge, without: Outcome, with_them: Outcome) -> bool:
 
 def was_confirmed(outcome: Outcome) -> bool:
     """Whether a second start of a search came to the same place; a fit from a place that was confirmed counts."""
-    agree = [s for s in outcome.starts if s["minus_log_likelihood_above_best"] < search.CONFIRMED
-             and s.get("apart", 0.0) < search.APART]
-    return len(agree) > 1 or not any("apart" in s for s in outcome.starts)
+    return sum(agrees(outcome, s) for s in outcome.starts) > 1 or not any("apart" in s for s in outcome.starts)
 
 
 def from_free_runs(best: Outcome, task: Task) -> Outcome:
@@ -50,7 +48,7 @@ def from_free_runs(best: Outcome, task: Task) -> Outcome:
     behind = 0.0 if same else max(float(second.fit.value - first.fit.value), 0.0)
     entry = {"way": "free runs" if second is other else "search", "reached": reached,
              "minus_log_likelihood_above_best": behind,
-             "apart": 0.0 if same else search.apart(first.problem, first.solution, second.solution)}
+             "apart": 0.0 if same else apart(first.problem, first.solution, second.solution)}
     own = {"way": "best" if first is best else "free runs", "minus_log_likelihood_above_best": 0.0, "apart": 0.0,
            "reached": dict(zip(first.task.free, first.solution.point.values.tolist(), strict=True))}
     # Of another optimum, or of a drive with more free than was searched, the starts of the search say nothing.
