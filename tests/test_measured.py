@@ -90,6 +90,20 @@ def test_the_default_fit_of_emps_agrees_with_the_published_parameters():
     assert "friction differs by direction" in [law.name for law in estimate.laws]
 
 
+def test_inverse_dynamics_of_emps_are_the_published_ones():
+    axis = opened("emps.parquet", motor_torque={"channel": "force", "unit": "N"},
+                  motor_angle={"channel": "q", "unit": "m"}, reference_angle={"channel": "q_ref", "unit": "m"})
+    drive = one_body("N", "m").with_values({"motor.inertia": 80.0})
+    found = greybox([axis], drive, Options(criterion="inverse")).drive.values
+    for name, published, most in (("motor.inertia", 95.1089, 0.33), ("motor.viscous", 203.5034, 3.4),
+                                  ("motor.coulomb", 20.3935, 0.30), ("motor.idle_torque", -3.1648, 0.13)):
+        assert found[name] == pytest.approx(published, abs=most)
+    found = greybox([axis], drive, Options(criterion="inverse", free=("motor.viscous_asymmetry",))).drive.values
+    for sign, viscous, coulomb in ((1.0, 166.7061, 20.1440), (-1.0, 240.4236, 20.6277)):
+        assert found["motor.viscous"] + sign * found["motor.viscous_asymmetry"] == pytest.approx(viscous, abs=3.7)
+        assert found["motor.coulomb"] + sign * found["motor.idle_torque"] == pytest.approx(coulomb, abs=0.33)
+
+
 @pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     """Twenty periods of a multisine; both fits over the same seconds.

@@ -50,19 +50,7 @@ def of_record(experiment: Experiment, experiments: Sequence[Experiment], fitted_
 def of_check(check: RecordCheck, correlation: Correlation | None, options: ValidateOptions,
              exact: bool = False) -> list[Finding]:
     """Bars that are missed, and what the residual says; exact: that is rounding alone."""
-    where, explained, found = _where(check), _explained(check), []
-    if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
-        found.append(Finding(
-            "failure", "fit-below-minimum",
-            f"{explained[0].upper()}{explained[1:]}; {options.min_fit:g} % were asked for.",
-            {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
-            "Look at the pictures (--plot), then run diagnose."))
-    if options.min_fit is None and check.simulation_fit_percent < 0.0:
-        found.append(Finding(
-            "failure", "explains-nothing",
-            f"A free run explains less of {where} than a constant does (fit {check.simulation_fit_percent:.4g} %).",
-            {"simulation_fit_percent": check.simulation_fit_percent},
-            "Run diagnose, or validate on a record with more motion or by shorter free runs: --segment 1."))
+    where, found = _where(check), of_fit(check, options)
     if exact:
         return [*found, rounding_alone(where, check.rmse, check.unit)]
     if correlation is None:
@@ -86,6 +74,25 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
             "warning", "residual-depends-on-input",
             f"What the model leaves over of {where} still depends on the torque: the model lacks something "
             "physical, or a parameter is off.", evidence, "Run diagnose."))
+    return found
+
+
+def of_fit(check: RecordCheck, options: ValidateOptions,
+           less: str = "A free run explains less of") -> list[Finding]:
+    """The bar of the fit, or none at all, missed; less: what explains less than a constant."""
+    explained, found = _explained(check), []
+    if options.min_fit is not None and not check.simulation_fit_percent >= options.min_fit:
+        found.append(Finding(
+            "failure", "fit-below-minimum",
+            f"{explained[0].upper()}{explained[1:]}; {options.min_fit:g} % were asked for.",
+            {"simulation_fit_percent": check.simulation_fit_percent, "min_fit": options.min_fit},
+            "Look at the pictures (--plot), then run diagnose."))
+    if options.min_fit is None and check.simulation_fit_percent < 0.0:
+        found.append(Finding(
+            "failure", "explains-nothing",
+            f"{less} {_where(check)} than a constant does (fit {check.simulation_fit_percent:.4g} %).",
+            {"simulation_fit_percent": check.simulation_fit_percent},
+            "Run diagnose, or validate on a record with more motion or by shorter free runs: --segment 1."))
     return found
 
 

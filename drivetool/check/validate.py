@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -11,7 +10,7 @@ from drivetool.check import remarks
 from drivetool.check.correlation import Correlation, correlate, whiteness
 from drivetool.check.freerun import drift, noise_limit
 from drivetool.check.replay import Replay, begun_otherwise, replay, resonances
-from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
+from drivetool.check.validation import RecordCheck, ValidateOptions, Validation, told_apart
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, Exhibit
@@ -44,7 +43,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     for _, drive, _ in models:
         drive.require(drive.missing(), "a simulation")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = _told_apart([e.name for e in experiments]), _told_apart([name for name, _, _ in models])
+    files, names = told_apart([e.name for e in experiments]), told_apart([name for name, _, _ in models])
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     limited: list[RecordCheck] = []
@@ -145,12 +144,3 @@ def _unit(role: str, experiment: Experiment) -> str:
     if role.endswith("torque"):
         return experiment.torque_unit
     return experiment.motion_unit + ("/s" if role.endswith("speed") else "")
-
-
-def _told_apart(names: Sequence[str]) -> list[str]:
-    """Names with a number where two are the same, or the cross table would merge them."""
-    many, seen, found = Counter(names), Counter(), []
-    for name in names:
-        seen[name] += 1
-        found.append(f"{name} ({seen[name]})" if many[name] > 1 else name)
-    return found

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit
@@ -19,6 +21,7 @@ class ValidateOptions:
     segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
     seed             of the draws behind p-values and the fit that noise leaves possible
     start            what is known of the state in which every recording begins
+    criterion        simulation of the motion, or inverse: the torque that the motion asks for
     """
 
     min_fit: float | None = None
@@ -26,6 +29,7 @@ class ValidateOptions:
     segment: float = 0.0
     seed: int = 1
     start: Start = field(default_factory=Start)
+    criterion: Literal["simulation", "inverse"] = "simulation"
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class RecordCheck:
     passed                  whether every bar that was set is met
     measured_start_fit_percent, measured_start_rmse  of the free run from the state that the first samples show;
                             None for segments, which begin in any motion
+    rmse_percent            by inverse dynamics: rmse over the root mean square of the torque
     """
 
     model: str
@@ -69,6 +74,7 @@ class RecordCheck:
     passed: bool
     measured_start_fit_percent: float | None = None
     measured_start_rmse: float | None = None
+    rmse_percent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -81,3 +87,12 @@ class Validation:
     data: tuple[tuple[str, str], ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
+
+
+def told_apart(names: Sequence[str]) -> list[str]:
+    """Names with a number where two are the same, or the cross table would merge them."""
+    many, seen, found = Counter(names), Counter(), []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} ({seen[name]})" if many[name] > 1 else name)
+    return found

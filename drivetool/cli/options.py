@@ -17,12 +17,13 @@ class CriterionName(StrEnum):
 
 
 class FitCriterionName(StrEnum):
-    """What a fit minimises, in time or in frequency."""
+    """What a fit minimises: errors of the motion in time or frequency, or those of the torque."""
 
     auto = "auto"
     innovations = "innovations"
     simulation = "simulation"
     frequency = "frequency"
+    inverse = "inverse"
 
 
 class BlackboxCriterionName(StrEnum):
@@ -31,6 +32,13 @@ class BlackboxCriterionName(StrEnum):
     innovations = "innovations"
     simulation = "simulation"
     frequency = "frequency"
+
+
+class CheckCriterionName(StrEnum):
+    """What a model is judged by: the motion that it simulates, or the torque that the motion asks of it."""
+
+    simulation = "simulation"
+    inverse = "inverse"
 
 
 class WeightingName(StrEnum):
@@ -116,12 +124,15 @@ Order = Annotated[int | None, _option(
 NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
 FitCriterion = Annotated[FitCriterionName, _option(
-    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
-    "distance from the measured frequency response; auto fits several explanations of the record and lets free "
-    "runs choose.")]
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, the "
+    "distance from the measured frequency response, or inverse: the torque that the motion asks for; auto fits "
+    "several explanations of the record and lets free runs choose.")]
 BlackboxCriterion = Annotated[BlackboxCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
     "distance from the measured frequency response.")]
+CheckCriterion = Annotated[CheckCriterionName, _option(
+    "--criterion", help="What a model is judged by: the motion that it simulates, or inverse: the torque that the "
+    "motion asks of it.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

@@ -41,6 +41,7 @@ def command(
     logs: cli.Logs, params: cli.Models, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
+    criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
     segment: Segment = 0.0, start: cli.Start = None, seed: cli.Seed = 1, out: cli.Out = None,
     json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
@@ -54,7 +55,7 @@ def command(
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
 
-        asked = ValidateOptions(min_fit, max_correlation, segment, seed)
+        asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value)
         return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
 
     guarded("validate", work, debug, quiet)
@@ -67,6 +68,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
 
     if job.start:
         raise BadOption("--start or --gains", "both", "A replay of the closed loop begins as the record does.")
+    if options.criterion == "inverse":
+        raise BadOption("--criterion inverse or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
     models = [(source.name, source.sha256, drive_for(job, opened, replace(opened.loaded, sources=(source,))))
               for source in opened.loaded.sources]
@@ -90,6 +93,7 @@ def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
 def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validate import validate
+    from drivetool.check.validate_torque import validate_torque
     from drivetool.files.result_file import validation_file
 
     opened = open_all(job)
@@ -99,9 +103,12 @@ def run(job: Job, options: ValidateOptions) -> int:
     options = replace(options, start=start_of(job.start, models[0][1]))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
-    more |= {"known": known} if any(known) else {}
     try:
-        validation = validate(opened.experiments, models, options, **more)
+        if options.criterion == "inverse":
+            validation = validate_torque(opened.experiments, [(n, d) for n, d, _ in models], options, **more)
+        else:
+            more |= {"known": known} if any(known) else {}
+            validation = validate(opened.experiments, models, options, **more)
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise

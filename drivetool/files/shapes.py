@@ -129,6 +129,8 @@ class CheckSection(Shape):
     measured_start_fit_percent: Annotated[
         Number, Meta(description="of a free run from the state of the first samples; null for segments")] = None
     measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
+    rmse_percent: Annotated[Number, Meta(
+        description="by inverse dynamics: rmse over the root mean square of the torque")] = None
 
 
 class SizeSection(Shape):

@@ -44,7 +44,7 @@ def print_validation(file: shapes.ValidationFile, console: Console) -> None:
     """One row per model and record, the cross table if there are several of both, the verdict."""
     for output in dict.fromkeys(check.output for check in file.checks):
         checks = [check for check in file.checks if check.output == output]
-        console.print(check_table(checks))
+        console.print((check_table if checks[0].rmse_percent is None else torque_table)(checks))
         if any(check.measured_start_rmse is not None for check in checks):
             console.print(start_table(checks))
         models, files = _names(checks, "model"), _names(checks, "file")
@@ -97,6 +97,22 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
                  "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}")
         mark = Text("met", "green") if check.passed else Text("missed", "bold red")
         table.add_row(*map(Text, cells), mark)
+    return table
+
+
+def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """The same of the torque that the motion asks for, which has neither one-step predictions nor a start state."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
+                  title=Text("torque that the motion asks for"), title_justify="left")
+    for title in ("model", "record"):
+        table.add_column(title, overflow="fold")
+    for title in ("torque fit %", f"rmse {checks[0].unit}", "rmse over rms %"):
+        table.add_column(title, justify="right", min_width=len(title))
+    table.add_column("bars", no_wrap=True, min_width=6)
+    for check in checks:
+        cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent), short(check.rmse),
+                 short(check.rmse_percent))
+        table.add_row(*map(Text, cells), Text("met", "green") if check.passed else Text("missed", "bold red"))
     return table
 
 

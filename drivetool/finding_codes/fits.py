@@ -181,6 +181,11 @@ CODES = {
         "A structure of the comparison could not be fitted to a record, for the stated reason. It is missing in "
         "the tables.",
         "Leave it out, or change the order."),
+    "no-instrument": Code(
+        NOTE,
+        "`--criterion inverse`: no reference of the loop is logged. Sensor noise and disturbances reach both the "
+        "torque and the motion through the loop, so least squares is biased. `std_structure` bounds the bias.",
+        "Log what the loop is asked for: reference_angle, reference_speed or reference_torque."),
     "noise-model-matters": Code(
         WARNING,
         "The torque depends on the sensor by feedback, and the residual of the polynomial model is correlated. In "
@@ -285,6 +290,11 @@ CODES = {
         "The channel map does not say whether the torque is a command or a measurement. It is taken as the "
         "command, with noise between it and the shaft.",
         "State `torque_is: command` or `torque_is: measurement` in the channel map."),
+    "torque-is-the-cause": Code(
+        NOTE,
+        "`--criterion inverse`: Granger's test shows no feedback from the sensor to the torque. The torque is the "
+        "input and the motion the output; a forward fit is more efficient.",
+        "Compare with `--criterion auto`."),
     "torque-is-measured": Code(
         WARNING,
         "The input is a measured torque. Its sensor noise does not act on the drive, so it is an "
@@ -305,4 +315,9 @@ CODES = {
         "The polynomial model has unstable poles and cannot be simulated. It is a failure for the one model of "
         "`blackbox`, and a warning in a comparison of several.",
         "Use another structure or order, or a record with more excitation."),
+    "weak-instrument": Code(
+        WARNING,
+        "`--criterion inverse`: the reference explains little of the measured acceleration (first-stage F below "
+        "10). The instruments are weak, and the estimate is that of least squares.",
+        "Record a reference that the drive follows, or a larger excitation."),
 }

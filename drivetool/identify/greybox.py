@@ -70,6 +70,10 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         from drivetool.identify.frequency_fit import greybox_by_frequency
 
         return greybox_by_frequency(experiments, drive, free, options)
+    if options.criterion == "inverse":
+        from drivetool.identify.inverse.greybox import greybox_by_inverse
+
+        return greybox_by_inverse(experiments, drive, free, roles, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))

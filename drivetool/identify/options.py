@@ -8,7 +8,7 @@ from typing import Literal
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.start import Start
 
-Criterion = Literal["auto", "innovations", "simulation", "frequency"]
+Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
 Weighting = Literal["variance", "coherence"]
 
 
@@ -18,8 +18,8 @@ class Options:
 
     hold       parameter names that keep their value
     free       parameter names that are fitted although they would be held
-    criterion  greybox and backlash: auto chooses among explanations of the record; innovations, simulation and
-               frequency are one each
+    criterion  greybox and backlash: auto chooses among explanations of the record; innovations, simulation,
+               frequency and inverse are one each
     starts     starting points tried when the problem may have several optima; None: the
                estimator decides
     segment    length [s] of the segments with free start states of a simulation-error

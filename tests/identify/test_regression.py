@@ -5,8 +5,9 @@ import pytest
 
 from drivetool.identify.explanations.influence import SLACK, sandwich
 from drivetool.identify.explanations.laws import library
-from drivetool.identify.explanations.motion import motions_of
-from drivetool.identify.explanations.regression import BLOCKS, _solved, regress, regressable
+from drivetool.identify.explanations.regression import regress, regressable
+from drivetool.identify.inverse.linear import BLOCKS, Rows, change_of, influence_of, inverse_of
+from drivetool.identify.inverse.motion import motions_of
 from tests.identify.swing import STEP, TRUTH, record, swing, task_of, torque_for
 from tests.recover import experiment
 
@@ -68,16 +69,18 @@ def test_shares_of_the_error_are_those_of_plain_sums():
     rng = np.random.default_rng(3)
     rows = rng.standard_normal((500, 5)) * [1e4, 1.0, 1e-3, 1.0, 1.0]
     torque = rows @ [1e-4, 2.0, 3e2, 1.0, 0.5] + rng.standard_normal(500)
-    found = _solved(task_of(record(S)), rows, torque, 1)
+    parts = [Rows(torque[part], rows[part], rows[part]) for part in (slice(200), slice(200, 500))]
+    found = inverse_of(parts)
     best, *_ = np.linalg.lstsq(rows, torque, rcond=None)
-    assert found.values == pytest.approx(best)
+    assert change_of(parts, found) == pytest.approx(best)
+    shares = influence_of([Rows(p.residual - p.slopes @ best, p.slopes, p.slopes) for p in parts], found)
     inverse, left = np.linalg.inv(rows.T @ rows), torque - rows @ best
     expected = np.zeros((BLOCKS, 5))
     for i in range(500):
         expected[i * BLOCKS // 500] += inverse @ rows[i] * left[i]
-    np.testing.assert_allclose(found.influence, expected, atol=1e-8 * np.abs(expected).max(axis=0).min())
+    np.testing.assert_allclose(shares, expected, atol=1e-8 * np.abs(expected).max(axis=0).min())
     covariance = SLACK**2 * BLOCKS / (BLOCKS - 1) * sum(np.outer(e, e) for e in expected)  # their sum is nothing
-    np.testing.assert_allclose(sandwich(found.influence), covariance, rtol=1e-6, atol=1e-9 * covariance.min() ** 2)
+    np.testing.assert_allclose(sandwich(shares), covariance, rtol=1e-6, atol=1e-9 * covariance.min() ** 2)
 
 
 def test_the_sandwich_holds_under_correlated_torque_noise():

@@ -1,0 +1,89 @@
+"""Does the motion of a record ask for the torque that was logged? Validation by inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from drivetool.check import remarks
+from drivetool.check.validation import RecordCheck, ValidateOptions, Validation, told_apart
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.identify.estimate import Exhibit
+from drivetool.identify.fit_percent import fit_percent, fit_words
+from drivetool.identify.inverse.asked import one_body_only
+from drivetool.identify.inverse.regression import recorded
+from drivetool.identify.setup import roles_of
+from drivetool.identify.start import Start
+from drivetool.logs.experiment import Experiment
+
+
+def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[str, Drive]],
+                    options: ValidateOptions, fitted_on: Sequence[Iterable[str]] = ()) -> Validation:
+    """Every model on every record: the torque that the motion asks for against the logged one.
+
+    experiments  motor_torque, and the motor's speed or angle
+    models       (name, drive of one body) each
+    options      min_fit
+    fitted_on    per model, the sha256 of the recordings its fit has seen
+    returns      Validation; one check per model and record, of motor_torque over what the filter lets pass
+    raises       BadOption: several bodies, a path between torque and body, a start state or segments
+    source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics
+    """
+    if not experiments or not models:
+        raise NotEnoughData("at least one recording and one model", f"{len(experiments)} and {len(models)}",
+                            "Name a log file, and a parameter file after --params.")
+    if options.start != Start() or options.segment:
+        raise BadOption("free runs for --start and --segment", "--criterion inverse, which makes none",
+                        "Leave them out, or --criterion.")
+    seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
+    files, names = told_apart([e.name for e in experiments]), told_apart([name for name, _ in models])
+    checks: list[RecordCheck] = []
+    findings: list[Finding] = []
+    exhibits: list[Exhibit] = []
+    for name, (_, drive), hashes in zip(names, models, seen, strict=True):
+        drive.require(drive.missing(), "the torque that a motion asks for")
+        one_body_only(drive, ())
+        for file, e in zip(files, experiments, strict=True):
+            check, picture = _checked(name, file, e, drive, options)
+            checks.append(check)
+            exhibits.append(picture)
+            findings += remarks.of_record(e, experiments, hashes, check)
+            findings += remarks.of_fit(check, options, "The motion asks for less of")
+    unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
+    return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
+                      tuple((e.name, e.sha256) for e in experiments), {}, tuple(exhibits))
+
+
+def _checked(name: str, file: str, e: Experiment, drive: Drive,
+             options: ValidateOptions) -> tuple[RecordCheck, Exhibit]:
+    roles = roles_of([e], drive)
+    q = recorded([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
+    torque, left = q.torque[q.used], q.residual[q.used]
+    fit, error = fit_percent(torque, torque - left), float(np.sqrt(np.mean(left**2)))
+    wide, total = float(np.ptp(torque)), float(np.sum((torque - torque.mean()) ** 2))
+    nan = float("nan")
+    rms = float(np.sqrt(np.mean(torque**2)))
+    check = RecordCheck(
+        name, file, "motor_torque", e.torque_unit, fit, None, error, error / wide if wide else nan,
+        1.0 - float(left @ left) / total if total else nan, len(torque), nan, nan, nan, nan, None,
+        not fit < (0.0 if options.min_fit is None else options.min_fit),
+        rmse_percent=100.0 * error / rms if rms else nan)
+    picture = Exhibit(
+        "record", f"{file}, model {name}: torque that the motion asks for, fit {fit_words(fit, '.1f')}", "time [s]",
+        f"motor torque [{e.torque_unit}]", {
+            "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, nan)),
+            "residual": (e.time, np.where(q.used, q.residual, nan))})
+    return check, picture
+
+
+def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
+    missed = [c for c in checks if not c.passed]
+    worst = min(missed or checks, key=lambda c: np.nan_to_num(c.simulation_fit_percent, nan=-np.inf))
+    share = fit_words(worst.simulation_fit_percent)
+    figures = (f"the motion in {worst.file} explains {share} of the torque (model {worst.model}) "
+               f"and errs by {worst.rmse:.3g} {worst.unit}, {worst.rmse_percent:.3g} % of its rms")
+    start = f"Not passed: {len(missed)} of {len(checks)} checks miss a bar; worst, " if missed else (
+        "Passed: " if len(checks) == 1 else f"Passed all {len(checks)} checks; worst, ")
+    return start + figures + ("." if unseen else "; but the fit has seen every record, so this is no validation.")

@@ -1,0 +1,1 @@
+"""The torque from the motion: inverse dynamics, by least squares or with instruments."""

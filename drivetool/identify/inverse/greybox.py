@@ -1,0 +1,234 @@
+"""The grey box by inverse dynamics: the parameters by which the motion asks for the torque that was logged.
+
+For motions that are imposed or well known: there the torque is the answer. No start states, no noise model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, Finding
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
+from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.feedback import feedback_of
+from drivetool.identify.fit_percent import fit_percent
+from drivetool.identify.inverse.asked import one_body_only
+from drivetool.identify.inverse.instruments import reference_of
+from drivetool.identify.inverse.linear import beyond_stationary
+from drivetool.identify.inverse.motion import NOISE_SHARE
+from drivetool.identify.inverse.regression import Solved, recorded, solved, strength, with_instruments
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.options import Options
+from drivetool.identify.problem import Normal, Point
+from drivetool.identify.results import Z95, parameters_of
+from drivetool.identify.setup import Roles
+from drivetool.identify.start import Start
+from drivetool.logs.experiment import Experiment
+
+WEAK = 10.0  # first-stage F below which instruments are weak (Staiger and Stock 1997)
+NARROWER = 2.0  # by which the band is narrower that shows what depends on the band
+DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
+NOTHING = 0.9  # of the torque's standard deviation, from which the motion explains nothing of it
+
+
+@dataclass(frozen=True)
+class Linear:
+    """What the table of a regression asks of its problem, see `results.parameters_of`."""
+
+    names: tuple[str, ...]
+    low: np.ndarray
+    high: np.ndarray
+    count: int
+    unknowns: int
+
+
+def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles,
+                       options: Options) -> Estimate:
+    """Physical parameters of one body from the torque that its motion asks for.
+
+    experiments  motor_torque and the motor's speed or angle; with reference_angle, reference_speed or
+                 reference_torque of the loop, what that foretells of the motion is the instrument
+    drive        of one body; free: parameter names
+    returns      Estimate; std_noise under stationary errors of any spectrum, std_structure by what else shows
+    raises       BadOption: several bodies, a path between torque and body, or a start state; NotEnoughData
+    source       Gautier, Janot and Vandanjon 2013, the filters; Janot, Vandanjon and Gautier 2014, instruments
+    """
+    _asked_for(drive, free, options)
+    sensor, inputs = roles.outputs[0], roles.inputs[1:]
+    reference = reference_of(experiments)
+    first = recorded(experiments, drive, free, sensor, inputs)
+    record, findings = first, []
+    if reference is None:
+        findings.append(_no_instrument())
+    else:
+        record = with_instruments(first, sensor, reference)
+        if (f := strength(record)) < WEAK:
+            findings.append(_weak(reference, f))
+            record = first
+    fit = solved(record)
+    structure = _structure(fit, sensor, None if record.foreseen is None else reference)
+    total = fit.covariance + _held(fit, options.known) + np.outer(structure, structure) * np.eye(len(structure))
+    lines, covariance, more = _lines(fit, drive, total, structure)
+    figures, exhibits = _torque_figures(fit)
+    relative = figures["torque_rmse_over_sd"]
+    findings += [*more, *_of_feedback(experiments, roles)]
+    if relative > NOTHING:
+        findings.append(_nothing(relative))
+        lines, covariance = tuple(_without(p) for p in lines), None
+    return Estimate(
+        "greybox", fit.at.drive, lines, _outcome(fit, reference), figures, covariance, {},
+        {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
+        tuple((e.name, e.sha256) for e in experiments), {}, exhibits)
+
+
+def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
+    one_body_only(drive, free)
+    if options.start != Start():
+        raise BadOption("a criterion that simulates for --start", "inverse, which asks for no start state",
+                        "Leave --start out, or take --criterion auto.")
+
+
+def _structure(fit: Solved, sensor: str, reference: str | None) -> np.ndarray:
+    """(k,) standard deviations by what stationary noise of the torque does not explain.
+
+    Blocks of the record that disagree, another band that does, and without instruments what the torque's noise may
+    have moved.
+    """
+    r = fit.at
+    other = recorded(r.experiments, r.drive, r.free, sensor, r.inputs, NARROWER)
+    if reference:
+        other = with_instruments(other, sensor, reference)
+    narrow = solved(other)
+    off = np.abs(fit.values - narrow.values)
+    by_noise = np.sqrt(np.diag(sandwich(fit.influence - narrow.influence))) / SLACK
+    by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
+    by_motion = np.zeros(len(off)) if reference else _moved_by_noise(fit) / Z95
+    return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(fit.influence, fit.covariance) ** 2)
+
+
+def _moved_by_noise(fit: Solved) -> np.ndarray:
+    """(k,) by how much least squares may err at most, since noise moves what it takes for given.
+
+    What the motor's torque has too much accelerates the body at most as it would alone; the sensor's noise in the
+    acceleration may go through the controller into the torque.
+    """
+    name = f"{fit.at.drive.bodies[0]}.inertia"
+    if name not in fit.at.free:
+        return np.zeros(len(fit.at.free))
+    j, inertia = fit.at.free.index(name), fit.at.drive.values[name]
+    used = [r.slopes.any(axis=1) for r in fit.rows]
+    residual, acceleration = (np.concatenate([v[u] for v, u in zip(each, used, strict=True)]) for each in (
+        [r.residual for r in fit.rows], [r.slopes[:, j] for r in fit.rows]))
+    error, size = float(np.sum(residual**2)), float(np.sum(acceleration**2))
+    moment = error / inertia if inertia > 0.0 else 0.0
+    moment += np.sqrt(NOISE_SHARE * size * error) + NOISE_SHARE * inertia * size
+    return np.abs(fit.inverse[:, j]) * moment
+
+
+def _held(fit: Solved, known: Covariance | None) -> np.ndarray:
+    """(k, k) what the uncertainty of held values adds."""
+    names = [n for n in (known.names if known else ()) if n in fit.at.drive.values and n not in fit.at.free]
+    if known is None or not names:
+        return np.zeros_like(fit.covariance)
+    slopes = replace(fit.at, free=tuple(names)).rows()
+    gain = fit.inverse @ sum(r.instruments.T @ s.slopes for r, s in zip(fit.rows, slopes, strict=True))
+    index = [known.names.index(n) for n in names]
+    return gain @ known.matrix[np.ix_(index, index)] @ gain.T
+
+
+def _lines(fit: Solved, drive: Drive, total: np.ndarray,
+           structure: np.ndarray) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
+    """The lines of the table, with both parts of their std."""
+    names, k = fit.at.free, len(fit.at.free)
+    x, z, r = (np.concatenate([getattr(q, n) for q in fit.rows]) for n in ("slopes", "instruments", "residual"))
+    # By what the instruments see of the slopes; without instruments those themselves.
+    seen = z @ np.linalg.lstsq(z, x, rcond=1e-12)[0] if k else x
+    low, high = (np.array([drive.quantity(n).bounds[i] for n in names]) for i in (0, 1))
+    problem = Linear(names, low, high, int(np.count_nonzero(x.any(axis=1))), k)
+    normal = Normal(seen.T @ seen, (), (), -seen.T @ r, (), float(r @ r))
+    solution = Solution(Point(fit.values, ()), normal, fit.steps, fit.converged)
+    variance = normal.cost / max(problem.count - k, 1)
+    plain = variance * np.linalg.pinv(normal.shared, rcond=1e-13, hermitian=True)
+    inside = fit.inverse.any(axis=1)
+    extra = np.where(inside[:, None] & inside, total - plain, 0.0)
+    lines, covariance, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
+    parts = {n: (float(np.sqrt(max(total[j, j] - structure[j] ** 2, 0.0))), float(structure[j]))
+             for j, n in enumerate(names)}
+    lines = tuple(replace(p, std_noise=parts[p.name][0], std_structure=parts[p.name][1])
+                  if p.status == "fitted" and p.name in parts else p for p in lines)
+    return lines, covariance, findings
+
+
+def _torque_figures(fit: Solved) -> tuple[dict[str, float | int | None], tuple[Exhibit, ...]]:
+    """How well the motion asks for the torque, over what the filter lets pass, and its picture."""
+    pairs = fit.at.with_motion()
+    torque, left = (np.concatenate([v[q.used] for v, q in zip(each, pairs, strict=True)]) for each in (
+        [q.torque for q in pairs], [q.residual for q in pairs]))
+    e, smoothing = fit.at.experiments[0], fit.at.seen.smoothing
+    error, rms, sd = (float(np.sqrt(np.mean(v**2))) for v in (left, torque, torque - torque.mean()))
+    figures: dict[str, float | int | None] = {
+        "torque_fit_percent": fit_percent(torque, torque - left), "torque_rmse": error,
+        "torque_rmse_over_rms_percent": 100.0 * error / rms if rms else None,
+        "torque_rmse_over_sd": error / sd if sd else 1.0,
+        "band_hz": smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": len(torque)}
+    exhibits = tuple(Exhibit("record", f"{e.name}: torque that the motion asks for", "time [s]",
+                             f"motor torque [{e.torque_unit}]", {
+        "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, np.nan)),
+        "residual": (e.time, np.where(q.used, q.residual, np.nan))})
+        for e, q in zip(fit.at.experiments, pairs, strict=True))
+    return figures, exhibits
+
+
+def _outcome(fit: Solved, reference: str | None) -> str:
+    how = "converged" if fit.converged else "stopped"
+    band = fit.at.seen.smoothing.cutoff / fit.at.experiments[0].step
+    by = f"with instruments from {reference}" if fit.at.foreseen else "by least squares"
+    return f"{how} after {fit.steps} steps, {by}, torque over motion up to {band:.3g} Hz"
+
+
+def _without(p: Parameter) -> Parameter:
+    why = "the motion explains nothing of the torque"
+    return p if p.status == "held" else replace(
+        p, std=None, ci95=None, std_noise=None, std_structure=None, reason=why)
+
+
+def _no_instrument() -> Finding:
+    return Finding(
+        "note", "no-instrument",
+        "No reference of the loop is logged, so there is no valid instrument: noise that the loop feeds back is in "
+        "the motion as well as in the torque. The parameters are those of least squares, and std_structure has "
+        "what that may do to them.", {},
+        "Log what the loop is asked for: reference_angle, reference_speed or reference_torque.")
+
+
+def _weak(reference: str, f: float) -> Finding:
+    return Finding(
+        "warning", "weak-instrument",
+        f"{reference} foretells too little of the acceleration to be an instrument (first-stage F {f:.3g}, "
+        f"{WEAK:g} is enough). The parameters are those of least squares.",
+        {"first_stage_f": f}, "Record a reference that the drive follows, or a larger excitation.")
+
+
+def _of_feedback(experiments: Sequence[Experiment], roles: Roles) -> list[Finding]:
+    """A torque that does not answer the motion is a cause: then the motion is the question."""
+    stretches = []
+    for e in experiments:
+        both = np.column_stack([e.signals["motor_torque"], e.signals[roles.outputs[0]]])
+        stretches += [both[a:b] for a, b in e.segments if np.isfinite(both[a:b]).all()]
+    if feedback_of(stretches).there:
+        return []
+    return [Finding(
+        "note", "torque-is-the-cause",
+        "The torque does not answer the motion: it was given, and the motion followed. A fit that simulates the "
+        "motion uses more of this record.", {}, "Compare with --criterion auto.")]
+
+
+def _nothing(relative: float) -> Finding:
+    return Finding(
+        "failure", "explains-nothing",
+        f"The motion explains nothing of the logged torque: what is left has {relative:.2f} of its standard "
+        "deviation.", {"error_over_sd": relative}, "Check the channels, units and signs; run drivetool inspect.")

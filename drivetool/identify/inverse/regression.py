@@ -1,0 +1,250 @@
+"""Inverse dynamics of a motor's body: the torque regressed on what its motion asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.identify.inverse.equations import Equations, equations, stands
+from drivetool.identify.inverse.instruments import foretold
+from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, influence_of, inverse_of
+from drivetool.identify.inverse.motion import SURE, Motion, Motions, Smoothing, motion_of, motions_of
+from drivetool.identify.least_squares import solve
+from drivetool.identify.problem import Normal, Point
+from drivetool.identify.setup import replaced
+from drivetool.logs.experiment import Experiment
+
+LINEAR = 1e-6  # of the residual, by which the torque may miss a straight line over a parameter
+ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters leave nothing to be seen
+# Standard deviations between measured and foretold speed, below which the sign of the speed is not known: of six
+# simulated axes friction is biased by 0.4 of its scatter at a half of it, and the samples left get fewer beyond.
+LIKELY = 2.0
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """The torque over the motion, as it was recorded.
+
+    drive      of one body, with start values; free: its k free parameters
+    inputs     roles of torques on the body beside the motor's
+    seen       the measured motion; foreseen: what the reference foretells of it, per recording, or None
+    """
+
+    drive: Drive
+    free: tuple[str, ...]
+    experiments: tuple[Experiment, ...]
+    inputs: tuple[str, ...]
+    seen: Motions
+    foreseen: tuple[Motion, ...] | None = None
+
+    @property
+    def kept(self) -> int:
+        """Every how many samples are kept: the filter leaves as many independent values."""
+        return self.seen.smoothing.window
+
+    def with_motion(self, foreseen: bool = False) -> list[Equations]:
+        """The equations of every recording at the drive's values, by the measured motion or the foreseen one."""
+        motions = self.foreseen if foreseen and self.foreseen else self.seen.each
+        quiet = self.foreseen or self.seen.each
+        return [equations(e, self.drive, self.free, self.seen, m, stands(q.slow),
+                          {role: e.signals[role] for role in self.inputs})
+                for e, m, q in zip(self.experiments, motions, quiet, strict=True)]
+
+    def rows(self) -> list[Rows]:
+        """Equations at even times with their instruments; without a reference they are their own."""
+        found = []
+        for own, other in zip(self.with_motion(), self.with_motion(foreseen=True), strict=True):
+            used = own.used & other.used
+            r, x, z = (np.where(used.reshape(-1, *[1] * (v.ndim - 1)), v, 0.0)[::self.kept]
+                       for v in (own.residual, own.slopes, other.slopes))
+            found.append(Rows(r, x, z))
+        return found
+
+    def at(self, values: np.ndarray) -> Inverse:
+        """The same with other values of the free parameters."""
+        return replace(self, drive=replaced(self.drive, self.free, values))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A fit.
+
+    at          the record at the fitted values; rows: its equations there
+    covariance  (k, k) under stationary errors; influence: (BLOCKS, k) shares of the error
+    inverse     (k, k) from what the instruments see to a change of the parameters; zero of one on its bound
+    """
+
+    at: Inverse
+    rows: tuple[Rows, ...]
+    covariance: np.ndarray
+    influence: np.ndarray
+    inverse: np.ndarray
+    steps: int
+    converged: bool
+
+    @property
+    def values(self) -> np.ndarray:
+        """(k,) of the free parameters."""
+        return np.array([self.at.drive.value(n) for n in self.at.free], float)
+
+
+def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], sensor: str,
+             inputs: Sequence[str], narrower: float = 1.0) -> Inverse:
+    """The measured motion of a body, smoothed in the widest band that its sensor's noise allows.
+
+    sensor    role; narrower: by which factor the band is narrower
+    raises    NotEnoughData: 50 values of the sensor in a row are not there
+    """
+    seen = motions_of(experiments, sensor)
+    if narrower > 1.0:
+        seen = _narrower(seen, experiments, sensor, narrower)
+    return Inverse(drive, tuple(free), tuple(experiments), tuple(inputs), seen)
+
+
+def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by: float) -> Motions:
+    smoothing = replace(seen.smoothing, cutoff=seen.smoothing.cutoff / by)
+    each = tuple(motion_of(e, sensor, smoothing, seen.top) for e in experiments)
+    return replace(seen, each=each, smoothing=smoothing, lag=smoothing.window if seen.lag else 0)
+
+
+def with_instruments(record: Inverse, sensor: str, reference: str) -> Inverse:
+    """The same with the motion that the reference foretells as instrument.
+
+    Where that one is slow beside its distance from the measured motion, the sign of the speed is not known.
+    """
+    made = foretold(record.experiments, sensor, reference)
+    s, top = record.seen.smoothing, record.seen.top
+    away = np.concatenate([m.speed - motion_of(e, sensor, s, top).speed
+                           for m, e in zip(record.seen.each, made, strict=True)])
+    apart = Smoothing(s.cutoff, max(LIKELY / SURE * float(np.nanstd(away)), s.speed_noise))
+    return replace(record, foreseen=tuple(motion_of(e, sensor, apart, top) for e in made))
+
+
+def strength(record: Inverse) -> float:
+    """First-stage F of the instruments: of the acceleration that they foretell.
+
+    source  Stock and Yogo 2005
+    """
+    own, other = (np.concatenate([m.acceleration for m in each])[::record.kept]
+                  for each in (record.seen.each, record.foreseen or ()))
+    known = np.isfinite(own) & np.isfinite(other)
+    left = float(np.sum((own - other)[known] ** 2))
+    return float(np.sum(own[known] ** 2) - left) / max(left / max(np.count_nonzero(known), 1), 1e-300)
+
+
+def solved(record: Inverse) -> Solved:
+    """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps."""
+    values = np.array([record.drive.value(n) for n in record.free], float)
+    problem, rows = Torque(record), record.rows()
+    bends = np.zeros(len(values), bool)
+    if _bends(record, rows, values, problem, ~bends):
+        bends = np.array([_bends(record, rows, values, problem, one) for one in np.eye(len(values), dtype=bool)])
+    change, inverse = _inside(rows, values, problem, bends)
+    record, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
+    if bends.any():
+        values = np.array([record.drive.value(n) for n in record.free], float)
+        solution = solve(Torque(record), Point(values, ()), enough=ENOUGH * problem.power)
+        record, steps, converged = record.at(solution.point.values), solution.iterations, solution.converged
+        _, inverse = _inside(record.rows(), solution.point.values, problem)
+    rows = record.rows()
+    shares = influence_of(rows, inverse)
+    return Solved(record, tuple(rows), covariance_of(rows, inverse), shares, inverse, steps, converged)
+
+
+def _bends(record: Inverse, rows: Sequence[Rows], values: np.ndarray, problem: Torque, of: np.ndarray) -> bool:
+    """Whether the torque is no straight line over the parameters `of` (k,), moved together."""
+    up = np.where(values == 0.0, problem.size, np.abs(values))
+    up = np.where(of, np.minimum(up, problem.high - values), 0.0)
+    after = record.at(values + up).rows()
+    off = sum(float(np.sum((b.residual - b.slopes @ up - a.residual) ** 2))
+              for b, a in zip(rows, after, strict=True))
+    return off > LINEAR**2 * sum(float(np.sum(b.residual**2)) for b in rows)
+
+
+@dataclass(frozen=True)
+class Torque:
+    """The fit as a least-squares problem for `least_squares.solve`: of what the instruments see of the residual."""
+
+    record: Inverse
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters."""
+        return self.record.free
+
+    @property
+    def low(self) -> np.ndarray:
+        """(k,) lower bounds."""
+        return np.array([self.record.drive.quantity(n).bounds[0] for n in self.names])
+
+    @property
+    def high(self) -> np.ndarray:
+        """(k,) upper bounds."""
+        return np.array([self.record.drive.quantity(n).bounds[1] for n in self.names])
+
+    @property
+    def size(self) -> np.ndarray:
+        """(k,) typical sizes."""
+        torque = np.concatenate([e.signals["motor_torque"] for e in self.record.experiments])
+        sizes = float(np.sqrt(np.mean(torque**2))) or 1.0, self.record.seen.top or 1.0
+        return np.array([self.record.drive.quantity(n).size(*sizes) for n in self.names])
+
+    @property
+    def power(self) -> float:
+        """Sum of squares of the residual at the start."""
+        return sum(float(np.sum(r.residual**2)) for r in self.record.rows())
+
+    def normal(self, point: Point, gains: object = None) -> Normal:
+        """Normal equations at a point."""
+        z, x, r = self._seen(point)
+        basis = _basis(z)
+        x, r = basis.T @ x, basis.T @ r
+        return Normal(x.T @ x, (), (), -x.T @ r, (), float(r @ r))
+
+    def cost(self, point: Point, gains: object = None) -> float:
+        """Sum of squares that the instruments see."""
+        z, _, r = self._seen(point)
+        seen = _basis(z).T @ r
+        return float(seen @ seen)
+
+    def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:
+        """The point after a step, inside the bounds."""
+        return Point(np.clip(point.values + step, self.low, self.high), ())
+
+    def _seen(self, point: Point) -> tuple[np.ndarray, ...]:
+        rows = self.record.at(point.values).rows()
+        return tuple(np.concatenate([getattr(q, n) for q in rows]) for n in ("instruments", "slopes", "residual"))
+
+
+def _basis(columns: np.ndarray) -> np.ndarray:
+    """(n, m) orthonormal columns that span the same, but for what rounding made."""
+    size = np.sqrt(np.sum(columns**2, axis=0))
+    size[size == 0.0] = 1.0
+    left, values, _ = np.linalg.svd(columns / size, full_matrices=False)
+    return left[:, values > 1e-10]
+
+
+def _inside(rows: Sequence[Rows], values: np.ndarray, problem: Torque,
+            stays: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """((k,) change, (k, k) inverse) with what would leave its bounds put there and held.
+
+    stays  (k,) what does not move at all
+    """
+    k, low, high = len(values), problem.low, problem.high
+    change, moves = np.zeros(k), np.ones(k, bool) if stays is None else ~stays
+    while True:
+        i = np.flatnonzero(moves)
+        part = [Rows(r.residual - r.slopes[:, ~moves] @ change[~moves], r.slopes[:, i], r.instruments[:, i])
+                for r in rows]
+        inverse = np.zeros((k, k))
+        if len(i):
+            inverse[np.ix_(i, i)] = inverse_of(part)
+            change[i] = change_of(part, inverse[np.ix_(i, i)])
+        out = moves & ((values + change < low) | (values + change > high))
+        if not out.any():
+            return change, inverse
+        change[out] = np.clip(values + change, low, high)[out] - values[out]
+        moves &= ~out

@@ -1,0 +1,159 @@
+"""The torque from the motion: closed forms of every effect, exact records, intervals, instruments, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive.effects import EFFECTS
+from drivetool.errors import BadOption
+from drivetool.identify.greybox import greybox
+from drivetool.identify.inverse.asked import asked
+from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, inverse_of
+from drivetool.identify.inverse.motion import Motion
+from drivetool.identify.options import Options
+from drivetool.identify.start import Start
+from tests.identify.loop import MACHINES, loop_record, open_record
+from tests.identify.swing import STEP, TRUTH, record, swing
+
+S = swing()
+START = one_body().with_values({"motor.inertia": 0.05})
+MOTION = Motion(S.mean_speed, S.acceleration, S.middle, S.side, np.arange(len(S.middle)) * STEP + 0.5 * STEP,
+                np.zeros(len(S.middle), bool), np.ones(len(S.middle), bool))
+W, A, Q, SIDE, T = S.mean_speed, S.acceleration, S.middle, S.side, MOTION.time
+
+# name -> (values of its parameters, torque that it asks of the motor, by the law in the effect's own words)
+LAWS = {
+    "inertia": ({"inertia": 0.3}, 0.3 * A),
+    "carried-mass": ({"carried_mass": 2.0, "radius": 0.3}, 2.0 * 0.3**2 * A),
+    "viscous": ({"viscous": 0.7}, 0.7 * W),
+    "coulomb": ({"coulomb": 0.4}, 0.4 * SIDE),
+    "idle-torque": ({"idle_torque": -0.2}, -0.2 + 0.0 * W),
+    "stribeck": ({"stribeck": 0.5, "stribeck_speed": 2.0}, 0.5 * SIDE * np.exp(-(W / 2.0) ** 2)),
+    "asymmetric-friction": ({"viscous_asymmetry": 0.1}, 0.1 * np.abs(W)),
+    "quadratic-drag": ({"drag": 0.03}, 0.03 * W * np.abs(W)),
+    "friction-drift": ({"drift_coulomb": 0.2, "drift_viscous": 0.1, "drift_time": 3.0},
+                       (0.2 * SIDE + 0.1 * W) * np.exp(-T / 3.0)),
+    "torque-ripple": ({"ripple_sine": 0.3, "ripple_cosine": -0.1, "ripple_order": 3.0},
+                      -0.3 * np.sin(3.0 * Q) + 0.1 * np.cos(3.0 * Q)),
+    "imbalance": ({"imbalance_sine": 0.3, "imbalance_cosine": 0.2}, -0.3 * np.sin(Q) - 0.2 * np.cos(Q)),
+    "load-step": ({"step_torque": 0.4, "step_time": 4.0}, 0.4 * (T > 4.0)),
+}
+
+
+def torque_of(values, free=()):
+    given = one_body().with_values({"motor.inertia": 1e-9, **values})
+    a = asked(given, tuple(free), MOTION, STEP, {})
+    parts = (a.accelerating, a.sliding, a.rest)
+    return sum(p.value for p in parts), sum(p.slopes for p in parts)
+
+
+def test_every_effect_on_a_body_is_here():
+    assert {e.code for e in EFFECTS if e.of == "body"} == set(LAWS)
+
+
+@pytest.mark.parametrize("code", LAWS)
+def test_an_effect_asks_for_its_torque(code):
+    values, expected = LAWS[code]
+    values = {f"motor.{n}": v for n, v in values.items()}
+    found, slopes = torque_of(values, values)
+    away = np.abs(T - 4.0) > 4.0 * STEP if code == "load-step" else np.ones(len(T), bool)
+    np.testing.assert_allclose(found[away], expected[away], atol=1e-8 * max(np.abs(A).max(), 1.0))
+    for j, name in enumerate(values):
+        h = 1e-5 * abs(values[name])
+        up, down = (torque_of({**values, name: values[name] + s * h})[0] for s in (1.0, -1.0))
+        numeric = (up - down) / (2.0 * h)
+        np.testing.assert_allclose(slopes[away, j], numeric[away], atol=1e-5 * np.abs(numeric).max())
+
+
+@pytest.mark.parametrize("role", ["motor_speed", "motor_angle"])
+def test_without_noise_it_is_exact(role):
+    e = greybox([record(S, role)], START, Options(criterion="inverse"))
+    found = {p.name: p for p in e.parameters}
+    assert {n: found[n].value for n in TRUTH} == pytest.approx(TRUTH, rel=1e-3)
+    assert all(found[n].std < 0.01 * TRUTH[n] for n in TRUTH)
+    assert e.fit["torque_rmse_over_rms_percent"] < 1.0
+
+
+def test_laws_that_are_not_linear_are_found_from_far():
+    more = 0.3 * S.side * np.exp(-(W / 1.5) ** 2) - 0.2 * np.sin(Q + 0.5)
+    drive = START.with_values({"motor.stribeck": 0.1, "motor.stribeck_speed": 3.0})
+    free = ("motor.stribeck", "motor.stribeck_speed", "motor.imbalance_sine", "motor.imbalance_cosine")
+    e = greybox([record(S, "motor_angle", more=more)], drive, Options(criterion="inverse", free=free))
+    found = {p.name: p.value for p in e.parameters}
+    wanted = {**TRUTH, "motor.stribeck": 0.3, "motor.stribeck_speed": 1.5,
+              "motor.imbalance_sine": 0.2 * np.cos(0.5), "motor.imbalance_cosine": 0.2 * np.sin(0.5)}
+    assert {n: found[n] for n in wanted} == pytest.approx(wanted, rel=0.02)
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.95])
+def test_the_covariance_holds_under_correlated_errors(pole):
+    n, errors, stated = 1500, [], []
+    rng = np.random.default_rng(5)
+    slow = lfilter([0.05], [1.0, -0.95], rng.standard_normal(n))
+    x = np.column_stack([np.sin(np.arange(n) / 30.0), slow / slow.std(), np.ones(n)])
+    for _ in range(300):
+        r = lfilter([1.0], [1.0, -pole], rng.standard_normal(n + 200))[200:]
+        inverse = inverse_of([Rows(r, x, x)])
+        change = change_of([Rows(r, x, x)], inverse)
+        errors.append(change)
+        stated.append(np.diag(covariance_of([Rows(r - x @ change, x, x)], inverse)))
+    ratio = np.sqrt(np.mean(stated, axis=0) / np.mean(np.square(errors), axis=0))
+    assert np.all((ratio > 0.88) & (ratio < 1.12))  # the scatter of 300 is known to 4 per cent
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reference", ["reference_angle", "reference_speed"])
+def test_instruments_have_no_bias_where_least_squares_has(reference):
+    machine, errors = MACHINES[2], {True: [], False: []}
+    for seed in range(60):
+        made = loop_record(machine, 700 + seed, disturbance=0.1)
+        for with_it in errors:
+            signals = {k: v for k, v in made.signals.items() if not k.startswith("reference") or (
+                with_it and k == reference)}
+            e = greybox([replace(made, signals=signals)], machine.start, Options(criterion="inverse"))
+            p = next(p for p in e.parameters if p.name == "motor.inertia")
+            errors[with_it].append((p.value - machine.truth["motor.inertia"], p.std))
+    off = {k: np.mean([e for e, _ in v]) / np.std([e for e, _ in v]) * np.sqrt(len(v)) for k, v in errors.items()}
+    assert abs(off[True]) < 3.0 < abs(off[False])
+    for with_it, least in ((True, 0.85), (False, 0.95)):  # std_structure of least squares covers its bias
+        assert np.mean([abs(e) < 1.96 * s for e, s in errors[with_it]]) >= least
+
+
+def codes(e):
+    return {f.code for f in e.findings}
+
+
+def test_what_is_said_of_the_reference():
+    made = loop_record(MACHINES[0], 1)
+    with_it = greybox([made], MACHINES[0].start, Options(criterion="inverse"))
+    assert not codes(with_it) & {"no-instrument", "weak-instrument", "torque-is-the-cause"}
+    assert with_it.details["instruments"] == "reference_angle"
+    other = np.cumsum(np.random.default_rng(1).standard_normal(made.size)) * 1e-3
+    unrelated = replace(made, signals={**made.signals, "reference_angle": other})
+    assert "weak-instrument" in codes(greybox([unrelated], MACHINES[0].start, Options(criterion="inverse")))
+
+
+def test_an_open_loop_is_the_forward_fits_question():
+    e = greybox([open_record(MACHINES[0], 1)], MACHINES[0].start, Options(criterion="inverse"))
+    assert {"no-instrument", "torque-is-the-cause"} <= codes(e)
+
+
+def test_a_torque_of_another_axis_has_no_interval():
+    other = np.random.default_rng(0).standard_normal(len(S.speed))
+    made = record(S)
+    e = greybox([replace(made, signals={**made.signals, "motor_torque": other})], START,
+                Options(criterion="inverse"))
+    assert "explains-nothing" in codes(e)
+    assert all(p.std is None and p.ci95 is None for p in e.parameters)
+
+
+@pytest.mark.parametrize("drive, options, words", [
+    (two_mass().with_values({"motor.inertia": 1.0, "load.inertia": 1.0, "shaft.stiffness": 1e3}), {}, "one body"),
+    (START.with_values({"converter.dead_time": 0.01}), {}, "converter.dead_time"),
+    (START, {"start": Start(rest=True)}, "start state")])
+def test_what_it_cannot_do_it_refuses(drive, options, words):
+    with pytest.raises(BadOption, match=words):
+        greybox([record(S)], drive, Options(criterion="inverse", **options))
