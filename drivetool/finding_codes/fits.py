@@ -183,8 +183,8 @@ CODES = {
         "Leave it out, or change the order."),
     "no-instrument": Code(
         NOTE,
-        "`--criterion inverse`: no reference of the loop is logged. Sensor noise and disturbances reach both the "
-        "torque and the motion through the loop, so least squares is biased. `std_structure` bounds the bias.",
+        "No reference of the loop is logged for `--criterion inverse`. Sensor noise and disturbances reach both "
+        "the torque and the motion through the loop, so least squares is biased. `std_structure` bounds the bias.",
         "Log what the loop is asked for: reference_angle, reference_speed or reference_torque."),
     "noise-model-matters": Code(
         WARNING,
@@ -292,8 +292,8 @@ CODES = {
         "State `torque_is: command` or `torque_is: measurement` in the channel map."),
     "torque-is-the-cause": Code(
         NOTE,
-        "`--criterion inverse`: Granger's test shows no feedback from the sensor to the torque. The torque is the "
-        "input and the motion the output; a forward fit is more efficient.",
+        "Granger's test shows no feedback from the sensor to the torque, and `--criterion inverse` was asked for. "
+        "The torque is the input and the motion the output; a forward fit is more efficient.",
         "Compare with `--criterion auto`."),
     "torque-is-measured": Code(
         WARNING,
@@ -317,7 +317,7 @@ CODES = {
         "Use another structure or order, or a record with more excitation."),
     "weak-instrument": Code(
         WARNING,
-        "`--criterion inverse`: the reference explains little of the measured acceleration (first-stage F below "
-        "10). The instruments are weak, and the estimate is that of least squares.",
+        "The reference explains little of the measured acceleration (first-stage F below 10). The instruments of "
+        "`--criterion inverse` are weak, and the estimate is that of least squares.",
         "Record a reference that the drive follows, or a larger excitation."),
 }
