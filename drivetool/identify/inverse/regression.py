@@ -11,7 +11,7 @@ from drivetool.drive.chain import Drive
 from drivetool.identify.inverse.equations import Equations, equations, stands
 from drivetool.identify.inverse.instruments import foretold
 from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, influence_of, inverse_of
-from drivetool.identify.inverse.motion import SURE, Motion, Motions, Smoothing, motion_of, motions_of
+from drivetool.identify.inverse.motion import Motion, Motions, motion_of, motions_of
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import replaced
@@ -19,9 +19,6 @@ from drivetool.logs.experiment import Experiment
 
 LINEAR = 1e-6  # of the residual, by which the torque may miss a straight line over a parameter
 ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters leave nothing to be seen
-# Standard deviations between measured and foretold speed, below which the sign of the speed is not known: of six
-# simulated axes friction is biased by 0.4 of its scatter at a half of it, and the samples left get fewer beyond.
-LIKELY = 2.0
 
 
 @dataclass(frozen=True)
@@ -48,9 +45,10 @@ class Inverse:
     def with_motion(self, foreseen: bool = False) -> list[Equations]:
         """The equations of every recording at the drive's values, by the measured motion or the foreseen one."""
         motions = self.foreseen if foreseen and self.foreseen else self.seen.each
-        quiet = self.foreseen or self.seen.each
-        return [equations(e, self.drive, self.free, self.seen, m, stands(q.slow),
-                          {role: e.signals[role] for role in self.inputs})
+        quiet = [stands(m.slow) for m in self.seen.each]
+        if self.foreseen:  # a body may stand where its reference moves
+            quiet = [q | stands(m.slow) for q, m in zip(quiet, self.foreseen, strict=True)]
+        return [equations(e, self.drive, self.free, self.seen, m, q, {r: e.signals[r] for r in self.inputs})
                 for e, m, q in zip(self.experiments, motions, quiet, strict=True)]
 
     def rows(self) -> list[Rows]:
@@ -111,16 +109,10 @@ def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by:
 
 
 def with_instruments(record: Inverse, sensor: str, reference: str) -> Inverse:
-    """The same with the motion that the reference foretells as instrument.
-
-    Where that one is slow beside its distance from the measured motion, the sign of the speed is not known.
-    """
+    """The same with the motion that the reference foretells as instrument."""
     made = foretold(record.experiments, sensor, reference)
-    s, top = record.seen.smoothing, record.seen.top
-    away = np.concatenate([m.speed - motion_of(e, sensor, s, top).speed
-                           for m, e in zip(record.seen.each, made, strict=True)])
-    apart = Smoothing(s.cutoff, max(LIKELY / SURE * float(np.nanstd(away)), s.speed_noise))
-    return replace(record, foreseen=tuple(motion_of(e, sensor, apart, top) for e in made))
+    return replace(record, foreseen=tuple(
+        motion_of(e, sensor, record.seen.smoothing, record.seen.top) for e in made))
 
 
 def strength(record: Inverse) -> float:
