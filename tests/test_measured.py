@@ -11,7 +11,7 @@ import pytest
 
 from drivetool.check.diagnosis import UNLISTED
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.greybox import greybox
+from drivetool.identify.greybox import default_free, greybox
 from drivetool.identify.options import Options
 from drivetool.identify.spectra import SpectraOptions, spectra
 from drivetool.logs.build import open_experiment
@@ -102,6 +102,33 @@ def test_inverse_dynamics_of_emps_are_the_published_ones():
     for sign, viscous, coulomb in ((1.0, 166.7061, 20.1440), (-1.0, 240.4236, 20.6277)):
         assert found["motor.viscous"] + sign * found["motor.viscous_asymmetry"] == pytest.approx(viscous, abs=3.7)
         assert found["motor.coulomb"] + sign * found["motor.idle_torque"] == pytest.approx(coulomb, abs=0.33)
+
+
+DAMPER = {"motor.inertia": 1.0, "load.inertia": 60.0, "load.coulomb": 9000.0, "shaft.stiffness": 1.2e6,
+          "shaft.damping": 4000.0, "shaft.half_gap": 1.2e-3, "shaft.hardening": 2.0, "shaft.hardening_twist": 2e-3,
+          "shaft.hardening_power": 1.0}
+
+
+@pytest.mark.slow
+def test_a_banded_damper_is_friction_behind_a_gap_and_a_hardening_spring():
+    """Judged by the other record, the friction of the load alone refitted; its owners' model leaves 0.22."""
+    def fitted(name, drive, free, hold):
+        record = opened(f"damper-{name}.parquet", motor_torque={"channel": "force", "unit": "N"},
+                        motor_angle={"channel": "displacement", "unit": "m"})
+        return greybox([record], drive, Options(criterion="inverse", free=free, hold=hold))
+
+    start, mover = two_mass("N", "m").with_values(DAMPER), ("motor.inertia", "motor.viscous", "motor.coulomb")
+    found = {k: fitted(k, start, ("shaft.half_gap", "shaft.hardening"), mover) for k in "ab"}
+    lines = {k: {p.name: p for p in e.parameters} for k, e in found.items()}
+    assert all(e.fit["torque_rmse_over_sd"] <= 0.16 for e in found.values())
+    friction, gap = (([lines[k][n] for k in "ab"]) for n in ("load.coulomb", "shaft.half_gap"))
+    assert friction[1].value - friction[0].value > 5.0 * np.hypot(friction[0].std, friction[1].std)
+    assert abs(gap[1].value - gap[0].value) < 2.0 * np.hypot(gap[0].std, gap[1].std)
+    for k, other in ("ab", "ba"):
+        drive = found[k].drive
+        names = (*default_free(drive, []), "shaft.half_gap", "motor.coulomb")
+        judged = fitted(other, drive, ("load.coulomb",), tuple(n for n in names if n != "load.coulomb"))
+        assert judged.fit["torque_rmse_over_sd"] <= 0.16  # asked 0.22, hoped for 0.15
 
 
 @pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.slow)])

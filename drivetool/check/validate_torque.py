@@ -12,7 +12,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.estimate import Exhibit
 from drivetool.identify.fit_percent import fit_percent, fit_words
-from drivetool.identify.inverse.asked import one_body_only
+from drivetool.identify.inverse.asked import logged_as_it_acts
 from drivetool.identify.inverse.regression import recorded
 from drivetool.identify.setup import roles_of
 from drivetool.identify.start import Start
@@ -24,11 +24,11 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
     """Every model on every record: the torque that the motion asks for against the logged one.
 
     experiments  motor_torque, and the motor's speed or angle
-    models       (name, drive of one body) each
+    models       (name, drive) each
     options      min_fit
     fitted_on    per model, the sha256 of the recordings its fit has seen
     returns      Validation; one check per model and record, of motor_torque over what the filter lets pass
-    raises       BadOption: several bodies, a path between torque and body, a start state or segments
+    raises       BadOption: a path between torque and body, a start state or segments
     source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics
     """
     if not experiments or not models:
@@ -44,7 +44,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
     exhibits: list[Exhibit] = []
     for name, (_, drive), hashes in zip(names, models, seen, strict=True):
         drive.require(drive.missing(), "the torque that a motion asks for")
-        one_body_only(drive, ())
+        logged_as_it_acts(drive, ())
         for file, e in zip(files, experiments, strict=True):
             check, picture = _checked(name, file, e, drive, options)
             checks.append(check)

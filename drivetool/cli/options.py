@@ -16,6 +16,15 @@ class CriterionName(StrEnum):
     simulation = "simulation"
 
 
+class GapCriterionName(StrEnum):
+    """What a fit of a gap minimises."""
+
+    auto = "auto"
+    innovations = "innovations"
+    simulation = "simulation"
+    inverse = "inverse"
+
+
 class FitCriterionName(StrEnum):
     """What a fit minimises: errors of the motion in time or frequency, or those of the torque."""
 
@@ -123,6 +132,9 @@ Order = Annotated[int | None, _option(
     "--order", metavar="N", min=1, help="Order of its dynamics, 2 n - 1 for n bodies. Default: by held-out score.")]
 NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
+GapCriterion = Annotated[GapCriterionName, _option(
+    "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or inverse: "
+    "the torque that the motion asks for; auto tries several explanations of the record.")]
 FitCriterion = Annotated[FitCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, the "
     "distance from the measured frequency response, or inverse: the torque that the motion asks for; auto fits "

@@ -290,10 +290,15 @@ CODES = {
         "The channel map does not say whether the torque is a command or a measurement. It is taken as the "
         "command, with noise between it and the shaft.",
         "State `torque_is: command` or `torque_is: measurement` in the channel map."),
+    "torque-is-the-answer": Code(
+        NOTE,
+        "The simulating fit failed (`not-settled` or `explains-nothing`), and Granger's test shows feedback from "
+        "the sensor to the torque. The motion may be imposed, and the torque the output.",
+        "Try `--criterion inverse`."),
     "torque-is-the-cause": Code(
         NOTE,
-        "Granger's test shows no feedback from the sensor to the torque, and `--criterion inverse` was asked for. "
-        "The torque is the input and the motion the output; a forward fit is more efficient.",
+        "The torque is a command, and Granger's test shows no feedback from the sensor to it. It is the input and "
+        "the motion the output; a fit that simulates the motion is more efficient than `--criterion inverse`.",
         "Compare with `--criterion auto`."),
     "torque-is-measured": Code(
         WARNING,

@@ -30,7 +30,7 @@ from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.start import known_states
-from drivetool.identify.sums import fit_apart, split_totals, with_totals
+from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
@@ -58,6 +58,12 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     drive.require(drive.missing(), "a backlash fit")
     experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
+    if options.criterion == "inverse":
+        from drivetool.identify.inverse.greybox import greybox_by_inverse
+
+        drive = apart(drive)
+        free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))
+        return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
     if {ALL, *TOTALS} & set(options.free):
         drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f as fisher
 
+from drivetool.logs.experiment import Experiment
+
 LAGS = 20
 MOST = 20_000  # samples that decide it
 
@@ -22,10 +24,12 @@ class Feedback:
 
     p      of the hypothesis that they do not
     share  of what is left unforetold by the past torque that they foretell, 0..1
+    new    of the torque's power that its own past does not foretell, 0..1: without it nothing can be told
     """
 
     p: float
     share: float
+    new: float = 0.0
 
     @property
     def there(self) -> bool:
@@ -62,7 +66,7 @@ def feedback_of(stretches: Sequence[np.ndarray], lags: int = LAGS) -> Feedback:
         return Feedback(1.0, 0.0)
     share = max(0.0, 1.0 - more / less)
     statistic = (less - more) / lags / max(more / degrees, 1e-300)
-    return Feedback(float(fisher.sf(max(statistic, 0.0), lags, degrees)), share)
+    return Feedback(float(fisher.sf(max(statistic, 0.0), lags, degrees)), share, less / float(u @ u))
 
 
 def _left(past: np.ndarray, now: np.ndarray) -> float:
@@ -72,3 +76,12 @@ def _left(past: np.ndarray, now: np.ndarray) -> float:
     scaled = np.column_stack([past / size, np.ones(len(past))])
     rest = now - scaled @ np.linalg.lstsq(scaled, now, rcond=1e-11)[0]
     return float(rest @ rest)
+
+
+def feedback_in(experiments: Sequence[Experiment], sensor: str) -> Feedback:
+    """The same of recordings, over the stretches that lack no value; sensor: its role."""
+    stretches = []
+    for e in experiments:
+        both = np.column_stack([e.signals["motor_torque"], e.signals[sensor]])
+        stretches += [both[a:b] for a, b in e.segments if np.isfinite(both[a:b]).all()]
+    return feedback_of(stretches)

@@ -30,6 +30,7 @@ from drivetool.identify.engine import (
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.explanations.explanation import explained
 from drivetool.identify.explanations.left_out import can_be_asked, lack_of, without_shaft
+from drivetool.identify.feedback import feedback_in
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
@@ -37,7 +38,7 @@ from drivetool.identify.outliers import without_outliers
 from drivetool.identify.setup import led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states
-from drivetool.identify.sums import fit_apart, split_totals, with_totals
+from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
@@ -63,6 +64,13 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive.require(drive.missing(), "the start of a grey-box fit")
     experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
+    if options.criterion == "inverse":
+        from drivetool.identify.inverse.greybox import greybox_by_inverse
+
+        # The motion is known, so that a motor's friction is told from the others'.
+        drive = apart(drive)
+        free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
+        return greybox_by_inverse(experiments, drive, free, roles, options)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
     free = chosen(drive, default_free(drive, experiments), options)
@@ -70,10 +78,6 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         from drivetool.identify.frequency_fit import greybox_by_frequency
 
         return greybox_by_frequency(experiments, drive, free, options)
-    if options.criterion == "inverse":
-        from drivetool.identify.inverse.greybox import greybox_by_inverse
-
-        return greybox_by_inverse(experiments, drive, free, roles, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
     white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
@@ -96,6 +100,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
+    estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(estimate, task)))
     estimate = told_by(estimate, worth_of_shafts(white))
     return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
 
@@ -184,3 +189,14 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
             f"step, {a:.1f} %. The model lacks something physical, which the noise model hides.",
             figures, "Run diagnose; the intervals are conditional on the structure.")]
     return figures, []
+
+
+def torque_is_the_answer(estimate: Estimate, task: Task) -> list[Finding]:
+    """A motion that no torque explains, and a torque that answers it: then the torque is the question."""
+    failed = {f.code for f in estimate.findings} & {"not-settled", "explains-nothing"}
+    if not failed or not feedback_in(task.experiments, task.roles.outputs[0]).there:
+        return []
+    return [Finding(
+        "note", "torque-is-the-answer",
+        "The torque answers the motion, and a fit that simulates the motion failed. Where the motion is imposed or "
+        "well known, the torque is the better question.", {}, "Try --criterion inverse.")]

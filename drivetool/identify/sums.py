@@ -29,6 +29,14 @@ def with_totals(drive: Drive, named: Sequence[str]) -> Drive:
     return drive
 
 
+def apart(drive: Drive) -> Drive:
+    """The parts of friction instead of their sums."""
+    for total in TOTALS:
+        if total in drive.values:
+            drive = drive.with_values(drive.parts(total, drive.values[total]))
+    return drive
+
+
 def fit_apart(task: Task, options: Options, asked: Options, starts: Sequence[Mapping[str, float]]) -> Outcome:
     """Fit a task; where a gap makes that hard, with the friction in parts that the record tells at the start.
 

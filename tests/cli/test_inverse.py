@@ -74,8 +74,8 @@ def test_friction_by_direction_asks_for_a_reversal(call, site):
 
 
 @pytest.mark.parametrize("words, said", [
-    (["greybox", "a.parquet", "--drive", "two-mass", "--set", "motor.inertia=1", "--set", "load.inertia=1", "--set",
-      "shaft.stiffness=100", "--criterion", "inverse"], "one body"),
+    (["greybox", "a.parquet", "--drive", "one-body", "--set", "motor.inertia=1", "--criterion", "inverse",
+      "--set", "converter.dead_time=0.01"], "converter.dead_time"),
     (["greybox", "a.parquet", "--drive", "one-body", "--set", "motor.inertia=1", "--criterion", "inverse",
       "--start", "rest"], "start state"),
     (["validate", "a.parquet", "--params", "fit.yaml", "--criterion", "inverse", "--segment", "1"], "free runs")])

@@ -93,7 +93,8 @@ def open_record(axis: Axis, seed: int) -> Experiment:
         axis.step, 4, np.zeros(kernel.STATES), kernel.OPEN, command, np.zeros(n), np.zeros(n), controller,
         kernel.PLAIN, np.array(axis.values), np.zeros(8), np.zeros(n), axis.noise * rng.standard_normal(n),
         axis.quantum, True)
-    return Experiment("open", "0" * 64, axis.step, 0.0, {"motor_torque": torque, "motor_angle": angle}, ((0, n),))
+    return Experiment("open", "0" * 64, axis.step, 0.0, {"motor_torque": torque, "motor_angle": angle}, ((0, n),),
+                      torque_is="command")
 
 
 def _moves(axis: Axis, n: int, rng: np.random.Generator) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive.chain import one_body
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption
 from drivetool.identify.greybox import greybox
@@ -151,7 +151,6 @@ def test_a_torque_of_another_axis_has_no_interval():
 
 
 @pytest.mark.parametrize("drive, options, words", [
-    (two_mass().with_values({"motor.inertia": 1.0, "load.inertia": 1.0, "shaft.stiffness": 1e3}), {}, "one body"),
     (START.with_values({"converter.dead_time": 0.01}), {}, "converter.dead_time"),
     (START, {"start": Start(rest=True)}, "start state")])
 def test_what_it_cannot_do_it_refuses(drive, options, words):

@@ -6,7 +6,7 @@ The effects stamp their laws as for a simulation; here the motion is put into th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,11 +41,16 @@ class Asked:
     rest: Part
 
 
-def one_body_only(drive: Drive, free: Sequence[str]) -> None:
-    """Raise BadOption unless the drive is one body whose torque and motion were logged as they act."""
-    if len(drive.bodies) > 1:
-        raise BadOption("one body for --criterion inverse", f"the {drive.name} drive",
-                        "Use --drive one-body, or leave --criterion out.")
+def first_body(drive: Drive) -> Drive:
+    """The motor's body alone, with all that acts on it."""
+    body = drive.bodies[0]
+    values = {n: v for n, v in drive.values.items() if n.startswith((f"{body}.", "friction."))}
+    torques = tuple(n for n in drive.known_torques if n.startswith(f"{body}."))
+    return replace(drive, bodies=(body,), shafts=(), values=values, known_torques=torques)
+
+
+def logged_as_it_acts(drive: Drive, free: Sequence[str]) -> None:
+    """Raise BadOption where a path lies between the log and the body."""
     acting = [n for n in PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
     if acting:
         raise BadOption("torque and motion logged as they act, for --criterion inverse", ", ".join(acting),

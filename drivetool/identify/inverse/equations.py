@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.identify.inverse.asked import asked
+from drivetool.identify.inverse.asked import Part, asked
 from drivetool.identify.inverse.motion import ORDER, Motion, Motions
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.zero_phase import low_pass
@@ -32,10 +32,10 @@ class Equations:
 
 
 def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions, motion: Motion,
-              standing: np.ndarray, inputs: Mapping[str, np.ndarray]) -> Equations:
+              standing: np.ndarray, inputs: Mapping[str, np.ndarray], more: Part | None = None) -> Equations:
     """The equations of a recording at the drive's values.
 
-    drive     of one body
+    drive     of one body; more: what the chain behind it asks for
     seen      how the motion was smoothed; motion: that is asked for the torque
     standing  (n,) where the body stands: there friction is whatever holds it
     inputs    role -> (n,) other torques
@@ -43,6 +43,7 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
     """
     cutoff, is_angle = seen.smoothing.cutoff, seen.lag > 0
     a = asked(drive, free, motion, e.step, inputs)
+    rest = a.rest if more is None else Part(a.rest.value + more.value, a.rest.slopes + more.slopes)
 
     def low(values: np.ndarray) -> np.ndarray:
         # Acceleration and speed come from a motion that is smooth already; nothing else does.
@@ -54,10 +55,10 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
         return _weighed(values) if is_angle else values
 
     torque, share = low(e.signals["motor_torque"]), low(standing.astype(float))
-    value = a.accelerating.value + weighed(a.sliding.value) + low(a.rest.value)
+    value = a.accelerating.value + weighed(a.sliding.value) + low(rest.value)
     slopes = np.column_stack([np.empty((e.size, 0)), *(
         one + weighed(two) + low(three) for one, two, three in zip(
-            a.accelerating.slopes.T, a.sliding.slopes.T, a.rest.slopes.T, strict=True))])
+            a.accelerating.slopes.T, a.sliding.slopes.T, rest.slopes.T, strict=True))])
     used = np.isfinite(torque + value) & np.isfinite(slopes).all(axis=1) & (share < STANDING)
     edge = int(1.0 / cutoff) + 1
     for first, last in e.segments:  # the filter's own transient

@@ -14,9 +14,9 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.influence import SLACK, sandwich
-from drivetool.identify.feedback import feedback_of
+from drivetool.identify.feedback import feedback_in
 from drivetool.identify.fit_percent import fit_percent
-from drivetool.identify.inverse.asked import one_body_only
+from drivetool.identify.inverse.asked import logged_as_it_acts
 from drivetool.identify.inverse.instruments import reference_of
 from drivetool.identify.inverse.linear import beyond_stationary
 from drivetool.identify.inverse.motion import NOISE_SHARE
@@ -32,6 +32,7 @@ from drivetool.logs.experiment import Experiment
 WEAK = 10.0  # first-stage F below which instruments are weak (Staiger and Stock 1997)
 NARROWER = 2.0  # by which the band is narrower that shows what depends on the band
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
+NEW = 1e-3  # of a torque's power that its past does not foretell: with less a loop without noise looks open
 NOTHING = 0.9  # of the torque's standard deviation, from which the motion explains nothing of it
 
 
@@ -48,13 +49,14 @@ class Linear:
 
 def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles,
                        options: Options) -> Estimate:
-    """Physical parameters of one body from the torque that its motion asks for.
+    """Physical parameters from the torque that the motor's motion asks for.
 
     experiments  motor_torque and the motor's speed or angle; with reference_angle, reference_speed or
                  reference_torque of the loop, what that foretells of the motion is the instrument
-    drive        of one body; free: parameter names
+    drive        with start values; of a chain the motor is moved as measured, and the rest of it simulated
+    free         parameter names
     returns      Estimate; std_noise under stationary errors of any spectrum, std_structure by what else shows
-    raises       BadOption: several bodies, a path between torque and body, or a start state; NotEnoughData
+    raises       BadOption: a path between torque and body, or a start state; NotEnoughData
     source       Gautier, Janot and Vandanjon 2013, the filters; Janot, Vandanjon and Gautier 2014, instruments
     """
     _asked_for(drive, free, options)
@@ -75,7 +77,7 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
     lines, covariance, more = _lines(fit, drive, total, structure)
     figures, exhibits = _torque_figures(fit)
     relative = figures["torque_rmse_over_sd"]
-    findings += [*more, *_of_feedback(experiments, roles)]
+    findings += [*more, *(() if reference else _of_feedback(experiments, sensor))]
     if relative > NOTHING:
         findings.append(_nothing(relative))
         lines, covariance = tuple(_without(p) for p in lines), None
@@ -86,7 +88,7 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
 
 
 def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
-    one_body_only(drive, free)
+    logged_as_it_acts(drive, free)
     if options.start != Start():
         raise BadOption("a criterion that simulates for --start", "inverse, which asks for no start state",
                         "Leave --start out, or take --criterion auto.")
@@ -100,9 +102,10 @@ def _structure(fit: Solved, sensor: str, reference: str | None) -> np.ndarray:
     """
     r = fit.at
     other = recorded(r.experiments, r.drive, r.free, sensor, r.inputs, NARROWER)
+    other = replace(other, lead=r.lead)
     if reference:
         other = with_instruments(other, sensor, reference)
-    narrow = solved(other)
+    narrow = solved(other, near=True)
     off = np.abs(fit.values - narrow.values)
     by_noise = np.sqrt(np.diag(sandwich(fit.influence - narrow.influence))) / SLACK
     by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
@@ -213,13 +216,10 @@ def _weak(reference: str, f: float) -> Finding:
         {"first_stage_f": f}, "Record a reference that the drive follows, or a larger excitation.")
 
 
-def _of_feedback(experiments: Sequence[Experiment], roles: Roles) -> list[Finding]:
-    """A torque that does not answer the motion is a cause: then the motion is the question."""
-    stretches = []
-    for e in experiments:
-        both = np.column_stack([e.signals["motor_torque"], e.signals[roles.outputs[0]]])
-        stretches += [both[a:b] for a, b in e.segments if np.isfinite(both[a:b]).all()]
-    if feedback_of(stretches).there:
+def _of_feedback(experiments: Sequence[Experiment], sensor: str) -> list[Finding]:
+    """A command that does not answer the motion is its cause: then the motion is the question."""
+    f = feedback_in(experiments, sensor)
+    if f.there or f.new < NEW or any(e.torque_is != "command" for e in experiments):
         return []
     return [Finding(
         "note", "torque-is-the-cause",

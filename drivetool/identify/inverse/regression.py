@@ -8,6 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.chain import Drive
+from drivetool.errors import NotEnoughData
+from drivetool.identify.inverse.asked import first_body
+from drivetool.identify.inverse.behind import behind
 from drivetool.identify.inverse.equations import Equations, equations, stands
 from drivetool.identify.inverse.instruments import foretold
 from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, influence_of, inverse_of
@@ -17,6 +20,7 @@ from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import replaced
 from drivetool.logs.experiment import Experiment
 
+REMEMBERED = 0.5  # of the record that may show how a chain began; more, and most of it would be left out
 LINEAR = 1e-6  # of the residual, by which the torque may miss a straight line over a parameter
 ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters leave nothing to be seen
 
@@ -25,9 +29,11 @@ ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters lea
 class Inverse:
     """The torque over the motion, as it was recorded.
 
-    drive      of one body, with start values; free: its k free parameters
-    inputs     roles of torques on the body beside the motor's
-    seen       the measured motion; foreseen: what the reference foretells of it, per recording, or None
+    drive      with start values; free: its k free parameters
+    inputs     roles of torques beside the motor's
+    seen       the measured motion of the motor
+    foreseen   what the reference foretells of it, per recording; None: there is no reference
+    lead       per recording (n,) whether the state in which a chain began still shows; empty: nowhere
     """
 
     drive: Drive
@@ -36,6 +42,7 @@ class Inverse:
     inputs: tuple[str, ...]
     seen: Motions
     foreseen: tuple[Motion, ...] | None = None
+    lead: tuple[np.ndarray, ...] = ()
 
     @property
     def kept(self) -> int:
@@ -48,13 +55,38 @@ class Inverse:
         quiet = [stands(m.slow) for m in self.seen.each]
         if self.foreseen:  # a body may stand where its reference moves
             quiet = [q | stands(m.slow) for q, m in zip(quiet, self.foreseen, strict=True)]
-        return [equations(e, self.drive, self.free, self.seen, m, q, {r: e.signals[r] for r in self.inputs})
-                for e, m, q in zip(self.experiments, motions, quiet, strict=True)]
+        return [self._equations(i, m, q) for i, (m, q) in enumerate(zip(motions, quiet, strict=True))]
+
+    def _equations(self, i: int, motion: Motion, standing: np.ndarray) -> Equations:
+        e, body, more = self.experiments[i], first_body(self.drive), None
+        torques = {role: e.signals[role] for role in self.inputs}
+        if self.drive.shafts:
+            more, torques = behind(self.drive, self.free, e, motion, torques).part, {}
+        found = equations(e, body, self.free, self.seen, motion, standing, torques, more)
+        return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
+
+    def led_in(self) -> Inverse:
+        """The same without the samples that the state shows in which a chain began.
+
+        raises  NotEnoughData: that is most of them, as of a load that rattles or rings on
+        """
+        if not self.drive.shafts:
+            return self
+        lead = [behind(self.drive, self.free, e, m, {r: e.signals[r] for r in self.inputs}).begun
+                for e, m in zip(self.experiments, self.seen.each, strict=True)]
+        share = float(np.mean(np.concatenate(lead)))
+        if share > REMEMBERED:
+            raise NotEnoughData(
+                "a chain behind the motor that forgets how it began, for --criterion inverse",
+                f"one that at the start values still shows it after {100.0 * share:.0f} % of the record",
+                "Use --criterion auto, whose filter follows the shaft, or record longer.")
+        return replace(self, lead=tuple(lead))
 
     def rows(self) -> list[Rows]:
         """Equations at even times with their instruments; without a reference they are their own."""
-        found = []
-        for own, other in zip(self.with_motion(), self.with_motion(foreseen=True), strict=True):
+        found, measured = [], self.with_motion()
+        others = self.with_motion(foreseen=True) if self.foreseen else measured
+        for own, other in zip(measured, others, strict=True):
             used = own.used & other.used
             r, x, z = (np.where(used.reshape(-1, *[1] * (v.ndim - 1)), v, 0.0)[::self.kept]
                        for v in (own.residual, own.slopes, other.slopes))
@@ -99,7 +131,7 @@ def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     seen = motions_of(experiments, sensor)
     if narrower > 1.0:
         seen = _narrower(seen, experiments, sensor, narrower)
-    return Inverse(drive, tuple(free), tuple(experiments), tuple(inputs), seen)
+    return Inverse(drive, tuple(free), tuple(experiments), tuple(inputs), seen).led_in()
 
 
 def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by: float) -> Motions:
@@ -127,12 +159,15 @@ def strength(record: Inverse) -> float:
     return float(np.sum(own[known] ** 2) - left) / max(left / max(np.count_nonzero(known), 1), 1e-300)
 
 
-def solved(record: Inverse) -> Solved:
-    """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps."""
+def solved(record: Inverse, near: bool = False) -> Solved:
+    """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps.
+
+    near  whether the values are those of a fit in another band: one step will do
+    """
     values = np.array([record.drive.value(n) for n in record.free], float)
     problem, rows = Torque(record), record.rows()
     bends = np.zeros(len(values), bool)
-    if _bends(record, rows, values, problem, ~bends):
+    if not near and _bends(record, rows, values, problem, ~bends):
         bends = np.array([_bends(record, rows, values, problem, one) for one in np.eye(len(values), dtype=bool)])
     change, inverse = _inside(rows, values, problem, bends)
     record, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
@@ -141,7 +176,8 @@ def solved(record: Inverse) -> Solved:
         solution = solve(Torque(record), Point(values, ()), enough=ENOUGH * problem.power)
         record, steps, converged = record.at(solution.point.values), solution.iterations, solution.converged
         _, inverse = _inside(record.rows(), solution.point.values, problem)
-    rows = record.rows()
+    # The slopes of where the step began: one step has not gone far, or nothing bends.
+    rows = [replace(r, residual=r.residual - r.slopes @ change) for r in rows] if near else record.rows()
     shares = influence_of(rows, inverse)
     return Solved(record, tuple(rows), covariance_of(rows, inverse), shares, inverse, steps, converged)
 
