@@ -8,13 +8,16 @@ from scipy.signal import lfilter
 
 from drivetool.drive.chain import one_body
 from drivetool.drive.effects import EFFECTS
-from drivetool.errors import BadOption
-from drivetool.identify.greybox import greybox
+from drivetool.errors import BadOption, Finding
+from drivetool.identify.estimate import Estimate
+from drivetool.identify.greybox import greybox, torque_is_the_answer
 from drivetool.identify.inverse.asked import asked
 from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, inverse_of
 from drivetool.identify.inverse.motion import Motion
 from drivetool.identify.options import Options
+from drivetool.identify.setup import roles_of
 from drivetool.identify.start import Start
+from drivetool.identify.task import Task
 from tests.identify.loop import MACHINES, loop_record, open_record
 from tests.identify.swing import STEP, TRUTH, record, swing
 
@@ -139,6 +142,16 @@ def test_what_is_said_of_the_reference():
 def test_an_open_loop_is_the_forward_fits_question():
     e = greybox([open_record(MACHINES[0], 1)], MACHINES[0].start, Options(criterion="inverse"))
     assert {"no-instrument", "torque-is-the-cause"} <= codes(e)
+
+
+@pytest.mark.parametrize("made, failed, said", [
+    (loop_record(MACHINES[0], 1, 0.1, seconds=4.0), "not-settled", True),
+    (open_record(MACHINES[0], 1), "not-settled", False),
+    (loop_record(MACHINES[0], 1, 0.1, seconds=4.0), "model-error", False)])
+def test_a_loop_whose_motion_no_torque_explains_is_the_inverse_fits_question(made, failed, said):
+    task = Task(MACHINES[0].start, tuple(MACHINES[0].truth), roles_of([made], MACHINES[0].start), (made,))
+    e = Estimate("greybox", task.drive, (), "", {}, findings=(Finding("warning", failed, "It is.", {}, "Do."),))
+    assert [f.code for f in torque_is_the_answer(e, task)] == ["torque-is-the-answer"] * said
 
 
 def test_a_torque_of_another_axis_has_no_interval():
