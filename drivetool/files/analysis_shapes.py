@@ -83,6 +83,20 @@ class SpreadSection(Shape):
     standard_error: Number
 
 
+class DifferenceSection(Shape):
+    """A figure in two records."""
+
+    structure: str
+    name: str
+    unit: str
+    first: str
+    second: str
+    change: Annotated[Number, Meta(description="second less first")]
+    std: Annotated[Number, Meta(description="by the noise within both records")]
+    p: Annotated[Number, Meta(description="adjusted for all figures and pairs of the structure (Holm)")]
+    differs: bool
+
+
 class ComparisonFile(Shape):
     """What compare writes: every structure fitted on every record and checked on all."""
 
@@ -93,6 +107,7 @@ class ComparisonFile(Shape):
     structures: list[Plain]
     cross: list[CrossSection]
     spread: list[SpreadSection]
+    differences: list[DifferenceSection]
     findings: list[FindingSection]
     data: list[FileSection]
     inputs: list[FileSection]

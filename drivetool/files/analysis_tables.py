@@ -63,4 +63,11 @@ def _print_comparison(file: ComparisonFile, console: Console) -> None:
             mean, std = rounded(s.mean, s.std)
             table.add_row(s.name, s.structure, mean, std, s.unit)
         console.print(table)
+    if any(d.differs for d in file.differences):
+        table = _table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
+                       title="between records, by more than the noise within them")
+        for d in (d for d in file.differences if d.differs):
+            change, std = rounded(d.change, d.std)
+            table.add_row(d.name, d.structure, _stem(d.first), _stem(d.second), change, std, d.unit, short(d.p, 2))
+        console.print(table)
     console.print(Text(f"  {file.outcome}"))

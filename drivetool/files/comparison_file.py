@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from drivetool.files import analysis_shapes as shapes
 from drivetool.files.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.text import plain
@@ -20,6 +22,7 @@ def comparison_file(found: Comparison, inputs: Inputs = ()) -> shapes.Comparison
         structures=plain(structures),
         cross=[shapes.CrossSection(structure=s, fitted_on=a, checked_on=b, simulation_fit_percent=plain(v))
                for (s, a, b), v in found.cross.items()],
-        spread=spread, findings=finding_sections(found.findings), data=file_sections(found.data),
+        spread=spread, differences=[shapes.DifferenceSection(**plain(asdict(d))) for d in found.differences],
+        findings=finding_sections(found.findings), data=file_sections(found.data),
         inputs=file_sections(inputs),
         options=plain(found.options))

@@ -232,6 +232,12 @@ CODES = {
         "A pole and a zero of the polynomial model cancel within their uncertainty. The order is higher than the "
         "records support.",
         "Lower `--order`, or leave it out to choose it by cross-validation."),
+    "records-differ": Code(
+        WARNING,
+        "In `compare` a parameter differs between two records by more than the noise within them explains, at the "
+        "5 % level over all parameters and pairs of records. With one record each, another machine and another day "
+        "look the same.",
+        "Record each machine several times, at different times."),
     "resonance-near-sampling-rate": Code(
         WARNING,
         "The resonance lies above a third of the sampling rate. Its damping and frequency are poorly determined.",

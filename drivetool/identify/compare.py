@@ -13,6 +13,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
+from drivetool.identify.differences import Difference, differences, told
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.fit_percent import fit_percent
@@ -30,6 +31,7 @@ from drivetool.logs.experiment import Experiment
 
 PHYSICAL = ("physical", "physical-innovations")
 STRUCTURES = (*KINDS, *PHYSICAL)
+OVERCONFIDENT = "physical"  # fitted to simulate: its std lacks the torque noise, so no difference is told by it
 
 
 @dataclass(frozen=True)
@@ -84,11 +86,15 @@ class Spread:
 
 @dataclass(frozen=True)
 class Comparison:
-    """cross: (structure, fitted on, checked on) -> fit [%] or None; spread per structure and figure."""
+    """cross: (structure, fitted on, checked on) -> fit [%] or None; spread per structure and figure.
+
+    differences  of figures whose std holds, between records
+    """
 
     models: tuple[Model, ...]
     cross: Mapping[tuple[str, str, str], float | None]
     spread: tuple[Spread, ...]
+    differences: tuple[Difference, ...]
     outcome: str
     findings: tuple[Finding, ...]
     data: tuple[tuple[str, str], ...]
@@ -115,8 +121,11 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
             models.append(_model(structure, name, e, drive, options))
     cross = {(m.structure, m.record, name): _checked(m, e) for m in models
              for name, e in zip(names, experiments, strict=True)}
+    apart = [differences(s, {m.record: _all_figures(m) for m in models if m.structure == s})
+             for s in dict.fromkeys(m.structure for m in models) if s != OVERCONFIDENT]
     return Comparison(
-        tuple(models), cross, tuple(spread_of(models, names)), _outcome(cross), tuple(_findings(models, cross)),
+        tuple(models), cross, tuple(spread_of(models, names)), tuple(d for each in apart for d in each),
+        _outcome(cross), (*_findings(models, cross), *(f for each in apart for f in told(each))),
         tuple((e.name, e.sha256) for e in experiments), {}, _pictures(models, experiments[0].step))
 
 
@@ -154,9 +163,9 @@ def _physical(structure: str, name: str, e: Experiment, drive: Drive) -> Model:
     start = with_totals(start, parts)
     # Friction in parts, at each body's own speed: K = 0 then is the output-error model in other words.
     start = start.with_values({p: start.value(p) or 0.0 for p in parts})
-    free = tuple(n for n in start.quantities if n in {*default_free(start, [e]),
-        *parts} and not n.startswith("total.visc")
-                 and not n.endswith("coulomb"))
+    free = tuple(n for n in start.quantities if n in {*default_free(start, [e]), *parts}
+                 and not n.startswith("total.visc")
+)
     task = Task(start, free, roles_of([e], start), (e,))
     outcome = by_simulation(task, 0.0, [{}]) if structure == "physical" else by_innovations(task, [{}])
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, start, outcome.drive)

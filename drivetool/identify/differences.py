@@ -1,0 +1,77 @@
+"""Which parameters differ between records, each pair told with the number of pairs in mind."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import norm
+
+from drivetool.errors import Finding
+
+LEVEL = 0.05  # at which records of one machine differ in any figure of a structure, by chance
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A figure of one structure in two records.
+
+    change, std  second less first, and its standard deviation by the noise within both records
+    p            adjusted for all figures and pairs of the structure (Holm); differs: below LEVEL
+    """
+
+    structure: str
+    name: str
+    unit: str
+    first: str
+    second: str
+    change: float
+    std: float
+    p: float
+    differs: bool
+
+
+def differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
+                ) -> tuple[Difference, ...]:
+    """All pairs of records, figure by figure.
+
+    figures  record -> name -> (value, std or None, unit); without a std nothing can be told
+    source   Holm 1979, A simple sequentially rejective multiple test procedure
+    """
+    found = []
+    for a, b in combinations(figures, 2):
+        for name, (value, std, unit) in figures[a].items():
+            other = figures[b].get(name)
+            if other is None or not std or not other[1]:
+                continue
+            both = float(np.hypot(std, other[1]))
+            found.append((name, unit, a, b, float(other[0] - value), both))
+    p = holm(np.array([2.0 * norm.sf(abs(change) / std) for *_, change, std in found]))
+    return tuple(Difference(structure, *row, float(q), bool(q < LEVEL)) for row, q in zip(found, p, strict=True))
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """(n,) p-values adjusted so that none of n true hypotheses falls below a level more often than that level."""
+    order = np.argsort(p)
+    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    found = np.empty(len(p))
+    found[order] = np.minimum(steps, 1.0)
+    return found
+
+
+def told(found: Sequence[Difference]) -> list[Finding]:
+    """The differences of a structure in one sentence; one record each cannot tell a machine from a day."""
+    differ = [d for d in found if d.differs]
+    if not differ:
+        return []
+    text = "; ".join(f"{d.name} {d.change:+.3g} {d.unit} from {d.first} to {d.second} (+- {d.std:.2g}, p {d.p:.2g})"
+                     for d in sorted(differ, key=lambda d: d.p)[:3])
+    more = f", and {len(differ) - 3} more" if len(differ) > 3 else ""
+    return [Finding(
+        "warning", "records-differ",
+        f"{differ[0].structure}: {text}{more}. The noise within the records does not explain it. One record each "
+        "cannot tell another machine from another day.",
+        {f"{d.name} {d.first} {d.second}": d.p for d in differ},
+        "Record each machine several times, at different times; fit what changes on purpose apart.")]

@@ -1,0 +1,67 @@
+"""Records that differ: the number of pairs is in mind, friction is freed, a day is not told from a machine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body
+from drivetool.identify.compare import CompareOptions, compare
+from drivetool.identify.differences import LEVEL, differences, holm
+from tests.recover import experiment
+from tests.simulator.experiments import alternating
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import Machine
+from tests.simulator.records import white_noise
+
+STEP, SECONDS = 2e-3, 12.0
+SERVO = Machine((1.95e-4,), (7e-5,), (0.012,), (0.0,))
+
+
+def servo(seed, machine=SERVO, name="a"):
+    """A record of torque steps that turn a small servo both ways."""
+    n = round(SECONDS / STEP)
+    torque = alternating(0.0, (0.02, 0.045), (0.3, 0.6), 20, 0.3, STEP, seed)[:n]
+    run = simulate_fast(machine, torque, STEP, torque_noise=white_noise(n, 4e-4, seed + 1),
+                        sensor_noise=white_noise(n, 0.05, seed + 2))
+    return replace(experiment(run.command, run.measured, name, STEP), sha256=name * 64)
+
+
+def compared(*records):
+    start = one_body().with_values({"motor.inertia": 3e-4})
+    return compare(records, start, CompareOptions(("physical-innovations",)))
+
+
+def test_holm_is_the_published_example():
+    assert holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+def test_records_of_one_machine_hardly_ever_differ():
+    rng, alarms = np.random.default_rng(4), 0
+    for _ in range(400):
+        figures = {r: {f"p{j}": (rng.normal(), 1.0, "") for j in range(4)} for r in "abc"}
+        alarms += any(d.differs for d in differences("oe", figures))
+    assert alarms <= 0.09 * 400  # 5 % and four standard deviations
+
+
+def test_what_has_no_std_is_not_compared():
+    found = differences("oe", {"a": {"x": (1.0, None, ""), "y": (1.0, 0.1, "")}, "b": {"x": (9.0, 0.1, "")}})
+    assert found == ()
+
+
+def test_friction_is_freed_and_the_inertia_is_right():
+    found = compared(servo(1), servo(11, name="b"))
+    inertia = next(s for s in found.spread if s.name == "motor.inertia")
+    assert inertia.values == pytest.approx([1.95e-4] * 2, rel=0.02)
+    assert {d.name for d in found.differences} >= {"motor.inertia", "motor.viscous", "motor.coulomb"}
+    assert not any(d.differs for d in found.differences)
+    assert "records-differ" not in [f.code for f in found.findings]
+
+
+def test_another_friction_is_told_and_nothing_else():
+    found = compared(servo(1), servo(11, replace(SERVO, coulomb=(0.015,)), "b"))
+    assert {d.name for d in found.differences if d.differs} == {"motor.coulomb"}
+    change = next(d for d in found.differences if d.differs)
+    assert change.change == pytest.approx(0.003, abs=3.0 * change.std) and change.p < LEVEL
+    told = next(f for f in found.findings if f.code == "records-differ")
+    assert "another day" in told.text
