@@ -52,7 +52,7 @@ def findings_of(task: Task, lines: Sequence[Parameter], lack: tuple[str, ...], d
         found += _sampling(details["resonance"]["hz"]["value"], traces)
     if not lack and task.drive.shafts:
         found += opened_gaps(task, "the black box has none")
-    if any(reverses(e) for e in task.experiments):
+    if reverses(task.experiments):
         found.append(Finding(
             "warning", "direction-changes", "The motor turns both ways in this record: Coulomb friction "
             "changes its sign, and the black box has none.", {},

@@ -163,7 +163,7 @@ def _resistance(physical: Physical, outcome: Outcome, c: Mapping[str, Dual],
 def _coulomb(drive: Drive, outcome: Outcome) -> float:
     """Known Coulomb friction felt at the motor, which the offset of a one-way record contains."""
     felt = drive.felt("coulomb")
-    if not felt or any(reverses(e) for e in outcome.task.experiments):
+    if not felt or reverses(outcome.task.experiments):
         return 0.0
     t = max(outcome.problem.traces, key=lambda t: t.size)
     y = t.outputs[np.isfinite(t.outputs[:, 0]), 0]

@@ -115,7 +115,7 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         names += [total] if total in drive.values and len(parts) > 1 else parts
     coulomb = [f"{b}.coulomb" for b in drive.bodies if (drive.value(f"{b}.coulomb") or 0.0) > 0.0]
-    if any(reverses(e) for e in experiments):
+    if reverses(experiments):
         names += coulomb or [f"{drive.bodies[0]}.coulomb"]
     return tuple(names)
 

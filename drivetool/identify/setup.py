@@ -99,18 +99,25 @@ def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Ex
     return replace(experiment, signals=signals)
 
 
-def reverses(experiment: Experiment) -> bool:
-    """Whether the motor turns both ways for at least 2 % of the record each."""
+def reverses(experiments: Sequence[Experiment]) -> bool:
+    """Whether the motor turns both ways for at least 2 % of a record each, or of all records together."""
+    speeds = [speed for e in experiments if (speed := _way(e)) is not None]
+    together = [np.concatenate(speeds)] if len(speeds) > 1 else []
+    for speed in (*speeds, *together):
+        size = WAY * np.nanmax(np.abs(speed))
+        if np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY:
+            return True
+    return False
+
+
+def _way(experiment: Experiment) -> np.ndarray | None:
+    """The speed of the motor, or what its angle changes over a while; None: neither is there."""
     if "motor_speed" in experiment.signals:
-        speed = experiment.signals["motor_speed"]
-    elif "motor_angle" in experiment.signals:
-        smooth = max(1, round(0.02 / experiment.step))
-        angle = experiment.signals["motor_angle"]
-        speed = angle[smooth:] - angle[:-smooth]
-    else:
-        return False
-    size = WAY * np.nanmax(np.abs(speed))
-    return bool(np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY)
+        return experiment.signals["motor_speed"]
+    if "motor_angle" not in experiment.signals:
+        return None
+    smooth, angle = max(1, round(0.02 / experiment.step)), experiment.signals["motor_angle"]
+    return (angle[smooth:] - angle[:-smooth]) / (smooth * experiment.step)
 
 
 def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:

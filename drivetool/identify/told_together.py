@@ -75,7 +75,7 @@ def _one_way(lines: Sequence[Parameter], task: Task, known: Sequence[str]) -> tu
     drive = task.drive
     held = [n for n in (f"{b}.coulomb" for b in drive.bodies)
             if (drive.value(n) or 0.0) > 0.0 and n not in task.free and n not in known]
-    if not held or any(reverses(e) for e in task.experiments):
+    if not held or reverses(task.experiments):
         return tuple(lines)
     return tuple(replace(
         p, std=None, ci95=None,

@@ -8,6 +8,9 @@ import pytest
 from drivetool.drive.chain import one_body
 from drivetool.identify.compare import CompareOptions, compare
 from drivetool.identify.differences import LEVEL, differences, holm
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.identify.setup import reverses
 from tests.recover import experiment
 from tests.simulator.experiments import alternating
 from tests.simulator.fast import simulate_fast
@@ -65,3 +68,23 @@ def test_another_friction_is_told_and_nothing_else():
     assert change.change == pytest.approx(0.003, abs=3.0 * change.std) and change.p < LEVEL
     told = next(f for f in found.findings if f.code == "records-differ")
     assert "another day" in told.text
+
+
+@pytest.mark.parametrize("criterion", ["auto", "inverse"])
+def test_a_reversal_across_records_counts(criterion):
+    """Each record turns one way only; together they tell Coulomb friction from an idle torque."""
+    machine = replace(SERVO, idle_torque=(0.004,))
+    n = round(SECONDS / STEP)
+    records = []
+    for seed, way in ((1, 1.0), (21, -1.0)):
+        torque = way * (0.03 + 0.008 * np.sign(np.sin(np.arange(n) * 0.011 + seed)))
+        run = simulate_fast(machine, torque, STEP, torque_noise=white_noise(n, 2e-4, seed + 1),
+                            sensor_noise=white_noise(n, 0.02, seed + 2))
+        records.append(replace(experiment(run.command, run.measured, str(seed), STEP), sha256=str(seed)[0] * 64))
+    start = one_body().with_values({"motor.inertia": 3e-4})
+    assert not any(reverses([e]) for e in records) and reverses(records)
+    lines = {p.name: p for p in greybox(records, start, Options(criterion=criterion)).parameters}
+    for name, true in (("motor.coulomb", 0.012), ("motor.idle_torque", 0.004)):
+        assert lines[name].status == "fitted" and abs(lines[name].value - true) < 4.0 * lines[name].std < 0.2 * true
+    alone = {p.name for p in greybox(records[:1], start, Options(criterion=criterion)).parameters}
+    assert "motor.coulomb" not in alone

@@ -51,7 +51,7 @@ def pushes(machine: Machine, back: float) -> np.ndarray:
 def test_it_is_fitted_where_the_drive_hardly_turns_back(seed):
     machine = dry(seed)
     one, run = record(machine, pushes(machine, 0.08), at_rest(machine), seed)
-    assert not reverses(one) and run.speeds[:, 0].min() < 0.0
+    assert not reverses([one]) and run.speeds[:, 0].min() < 0.0
     true = machine.coulomb[0]
     line = fit_of(machine, 0.8 * true, one)
     assert line.status == "fitted" and abs(line.value - true) < min(4.0 * line.std, 0.05 * true)

@@ -118,7 +118,7 @@ def one_mass(case: Case) -> Records:
         noise, push = (white_noise(len(setup.noise), std, int(rng.integers(2**31))) for std in (sensor, torque))
         run = simulate(replace(setup, noise=noise, disturbance=push, quantum=0.0, is_angle=False), Law("none"))
         found.append(experiment(run.torque, run.measured, step=step))
-    fitted, held = [e for e in found if reverses(e)][:2]
+    fitted, held = [e for e in found if reverses([e])][:2]
     off = 1.0 + rng.choice([-1.0, 1.0], 4) * rng.uniform(0.15, 0.5, 4)
     return Records(fitted, held, dict(zip(NAMES, (first.numbers() * off).tolist(), strict=True)))
 
