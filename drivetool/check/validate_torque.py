@@ -61,6 +61,9 @@ def _checked(name: str, file: str, e: Experiment, drive: Drive,
     roles = roles_of([e], drive)
     q = recorded([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
     torque, left = q.torque[q.used], q.residual[q.used]
+    if not len(torque):
+        raise NotEnoughData("samples in which the motor moves", f"none in {e.name}",
+                            "Record a motion that is no standstill.")
     fit, error = fit_percent(torque, torque - left), float(np.sqrt(np.mean(left**2)))
     wide, total = float(np.ptp(torque)), float(np.sum((torque - torque.mean()) ** 2))
     nan = float("nan")
@@ -68,7 +71,7 @@ def _checked(name: str, file: str, e: Experiment, drive: Drive,
     check = RecordCheck(
         name, file, "motor_torque", e.torque_unit, fit, None, error, error / wide if wide else nan,
         1.0 - float(left @ left) / total if total else nan, len(torque), nan, nan, nan, nan, None,
-        not fit < (0.0 if options.min_fit is None else options.min_fit),
+        fit >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit, and is none
         rmse_percent=100.0 * error / rms if rms else nan)
     picture = Exhibit(
         "record", f"{file}, model {name}: torque that the motion asks for, fit {fit_words(fit, '.1f')}", "time [s]",

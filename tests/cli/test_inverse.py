@@ -84,3 +84,23 @@ def test_what_it_cannot_do_is_one_sentence(call, site, words, said):
     words = [site / w if w in ("a.parquet", "fit.yaml") else w for w in words]
     code, _, err = call(*words)
     assert code == 2 and said in err and err.count("error:") == 1
+
+
+@pytest.mark.parametrize("role, value, code, said", [
+    ("motor_angle", 0.0, 1, "in which the motor moves"), ("motor_torque", 0.1, 3, "explains-nothing")])
+def test_a_signal_that_never_changes_is_said_in_one_sentence(call, site, role, value, code, said):
+    made = loop_record(AXIS, 1, seconds=4.0)
+    made.signals[role][:] = value
+    logged(site, "e.parquet", made)
+    found, _, err = fitted(call, site, log="e.parquet")
+    assert found == code and said in err
+    fitted(call, site)
+    found, _, err = call("validate", site / "e.parquet", "--params", site / "fit.yaml", "--criterion", "inverse",
+                         "--out", site / "check.yaml")
+    assert found == code and ("motor moves" in err) == (code == 1)
+
+
+def test_a_short_record_is_refused(call, site):
+    logged(site, "f.parquet", loop_record(AXIS, 1, seconds=0.13))
+    found, _, err = fitted(call, site, log="f.parquet")
+    assert found == 1 and "independent samples" in err

@@ -33,6 +33,7 @@ WEAK = 10.0  # first-stage F below which instruments are weak (Staiger and Stock
 NARROWER = 2.0  # by which the band is narrower that shows what depends on the band
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 NEW = 1e-3  # of a torque's power that its past does not foretell: with less a loop without noise looks open
+ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
 NOTHING = 0.9  # of the torque's standard deviation, from which the motion explains nothing of it
 
 
@@ -176,7 +177,7 @@ def _torque_figures(fit: Solved) -> tuple[dict[str, float | int | None], tuple[E
     figures: dict[str, float | int | None] = {
         "torque_fit_percent": fit_percent(torque, torque - left), "torque_rmse": error,
         "torque_rmse_over_rms_percent": 100.0 * error / rms if rms else None,
-        "torque_rmse_over_sd": error / sd if sd else 1.0,
+        "torque_rmse_over_sd": error / sd if sd > ROUNDED * rms else 1.0,
         "band_hz": smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": len(torque)}
     exhibits = tuple(Exhibit("record", f"{e.name}: torque that the motion asks for", "time [s]",
                              f"motor torque [{e.torque_unit}]", {

@@ -13,13 +13,14 @@ from drivetool.identify.inverse.asked import first_body
 from drivetool.identify.inverse.behind import behind
 from drivetool.identify.inverse.equations import Equations, equations, stands
 from drivetool.identify.inverse.instruments import foretold
-from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, influence_of, inverse_of
+from drivetool.identify.inverse.linear import BLOCKS, Rows, change_of, covariance_of, influence_of, inverse_of
 from drivetool.identify.inverse.motion import Motion, Motions, motion_of, motions_of
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import replaced
 from drivetool.logs.experiment import Experiment
 
+FEWEST = 2 * BLOCKS  # samples of a fit: blocks of one say nothing of each other
 REMEMBERED = 0.5  # of the record that may show how a chain began; more, and most of it would be left out
 LINEAR = 1e-6  # of the residual, by which the torque may miss a straight line over a parameter
 ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters leave nothing to be seen
@@ -91,6 +92,11 @@ class Inverse:
             r, x, z = (np.where(used.reshape(-1, *[1] * (v.ndim - 1)), v, 0.0)[::self.kept]
                        for v in (own.residual, own.slopes, other.slopes))
             found.append(Rows(r, x, z))
+        count = sum(int(np.count_nonzero(r.residual)) for r in found)
+        if count < FEWEST:
+            raise NotEnoughData(
+                f"at least {FEWEST} independent samples in which the motor moves", f"{count}",
+                "Record longer, or a motion that is no standstill.")
         return found
 
     def at(self, values: np.ndarray) -> Inverse:
