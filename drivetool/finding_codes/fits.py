@@ -183,9 +183,10 @@ CODES = {
         "Leave it out, or change the order."),
     "no-instrument": Code(
         NOTE,
-        "No reference of the loop is logged for `--criterion inverse`. Sensor noise and disturbances reach both "
-        "the torque and the motion through the loop, so least squares is biased. `std_structure` bounds the bias.",
-        "Log what the loop is asked for: reference_angle, reference_speed or reference_torque."),
+        "No reference of the loop is logged for `--criterion inverse`, or it answers the sensor (Granger's test). "
+        "Sensor noise and disturbances reach both the torque and the motion through the loop, so least squares is "
+        "biased. `std_structure` bounds the bias.",
+        "Log what the outermost loop is asked for: reference_angle, reference_speed or reference_torque."),
     "noise-model-matters": Code(
         WARNING,
         "The torque depends on the sensor by feedback, and the residual of the polynomial model is correlated. In "

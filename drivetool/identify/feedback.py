@@ -78,10 +78,13 @@ def _left(past: np.ndarray, now: np.ndarray) -> float:
     return float(rest @ rest)
 
 
-def feedback_in(experiments: Sequence[Experiment], sensor: str) -> Feedback:
-    """The same of recordings, over the stretches that lack no value; sensor: its role."""
+def feedback_in(experiments: Sequence[Experiment], sensor: str, answer: str = "motor_torque") -> Feedback:
+    """The same of recordings, over the stretches that lack no value.
+
+    sensor, answer  roles: of the sensor, and of what may answer it
+    """
     stretches = []
     for e in experiments:
-        both = np.column_stack([e.signals["motor_torque"], e.signals[sensor]])
+        both = np.column_stack([e.signals[answer], e.signals[sensor]])
         stretches += [both[a:b] for a, b in e.segments if np.isfinite(both[a:b]).all()]
     return feedback_of(stretches)

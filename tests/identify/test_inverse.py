@@ -139,6 +139,18 @@ def test_what_is_said_of_the_reference():
     assert "weak-instrument" in codes(greybox([unrelated], MACHINES[0].start, Options(criterion="inverse")))
 
 
+def test_what_an_outer_loop_asks_for_is_no_instrument():
+    axis = MACHINES[2]
+    made = loop_record(axis, 1, 0.03, seconds=8.0)
+    s = made.signals
+    asked_for = s["reference_speed"] + axis.bandwidth / 3.0 * (s["reference_angle"] - s["motor_angle"])
+    cascade = replace(made, signals={"motor_torque": s["motor_torque"], "motor_angle": s["motor_angle"],
+                                     "reference_speed": asked_for})
+    e = greybox([cascade], axis.start, Options(criterion="inverse"))
+    told = next(f for f in e.findings if f.code == "no-instrument")
+    assert "answers the motion" in told.text and e.details["instruments"] == "none"
+
+
 def test_an_open_loop_is_the_forward_fits_question():
     e = greybox([open_record(MACHINES[0], 1)], MACHINES[0].start, Options(criterion="inverse"))
     assert {"no-instrument", "torque-is-the-cause"} <= codes(e)

@@ -62,18 +62,18 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
     """
     _asked_for(drive, free, options)
     sensor, inputs = roles.outputs[0], roles.inputs[1:]
-    reference = reference_of(experiments)
+    reference, why = reference_of(experiments, sensor)
     first = recorded(experiments, drive, free, sensor, inputs)
     record, findings = first, []
     if reference is None:
-        findings.append(_no_instrument())
+        findings.append(_no_instrument(why))
     else:
         record = with_instruments(first, sensor, reference)
         if (f := strength(record)) < WEAK:
             findings.append(_weak(reference, f))
-            record = first
+            record, reference = first, None
     fit = solved(record)
-    structure = _structure(fit, sensor, None if record.foreseen is None else reference)
+    structure = _structure(fit, sensor, reference)
     total = fit.covariance + _held(fit, options.known) + np.outer(structure, structure) * np.eye(len(structure))
     lines, covariance, more = _lines(fit, drive, total, structure)
     figures, exhibits = _torque_figures(fit)
@@ -200,13 +200,13 @@ def _without(p: Parameter) -> Parameter:
         p, std=None, ci95=None, std_noise=None, std_structure=None, reason=why)
 
 
-def _no_instrument() -> Finding:
+def _no_instrument(why: str) -> Finding:
     return Finding(
         "note", "no-instrument",
-        "No reference of the loop is logged, so there is no valid instrument: noise that the loop feeds back is in "
-        "the motion as well as in the torque. The parameters are those of least squares, and std_structure has "
+        f"There is no valid instrument, since {why}: noise that the loop feeds back is in the motion as well as in "
+        "the torque. The parameters are those of least squares, and std_structure has "
         "what that may do to them.", {},
-        "Log what the loop is asked for: reference_angle, reference_speed or reference_torque.")
+        "Log what the outermost loop is asked for: reference_angle, reference_speed or reference_torque.")
 
 
 def _weak(reference: str, f: float) -> Finding:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import lfilter
 
+from drivetool.identify.feedback import feedback_in
 from drivetool.logs.experiment import Experiment
 
 REFERENCES = ("reference_angle", "reference_speed", "reference_torque")
@@ -19,12 +20,17 @@ REFERENCES = ("reference_angle", "reference_speed", "reference_torque")
 MEMORIES = np.geomspace(4.0, 200.0, 5)
 
 
-def reference_of(experiments: Sequence[Experiment]) -> str | None:
-    """The reference that every recording has, and that moves; None: there is none."""
-    for role in REFERENCES:
-        if all(role in e.signals and _moves(e, role) for e in experiments):
-            return role
-    return None
+def reference_of(experiments: Sequence[Experiment], sensor: str) -> tuple[str | None, str]:
+    """(the reference that every recording has, None: there is no valid one; why not).
+
+    It must move, and not answer the sensor: what an outer loop asks for has the sensor's noise in it.
+    """
+    there = [r for r in REFERENCES if all(r in e.signals and _moves(e, r) for e in experiments)]
+    valid = [r for r in there if not feedback_in(experiments, sensor, r).there]
+    if valid:
+        return valid[0], ""
+    return None, f"{there[0]} answers the motion, as what an outer loop asks for" if there else (
+        "no reference of the loop is logged")
 
 
 def _moves(e: Experiment, role: str) -> bool:
