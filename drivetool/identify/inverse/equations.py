@@ -47,14 +47,14 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
 
     def low(values: np.ndarray) -> np.ndarray:
         # Acceleration and speed come from a motion that is smooth already; nothing else does.
-        passed = low_pass(np.where(motion.known, values, np.nan), e.segments, cutoff, ORDER)
-        return weighed(passed)
+        return weighed(low_pass(values, e.segments, cutoff, ORDER))
 
     def weighed(values: np.ndarray) -> np.ndarray:
         # A second difference of the angle weighs three torques so.
         return _weighed(values) if is_angle else values
 
-    torque, share = low(e.signals["motor_torque"]), low(standing.astype(float))
+    # Where the motion is a straight line between what was measured, it tells nothing of the torque.
+    torque, share = (low(np.where(motion.known, v, np.nan)) for v in (e.signals["motor_torque"], standing))
     value = a.accelerating.value + weighed(a.sliding.value) + low(rest.value)
     slopes = np.column_stack([np.empty((e.size, 0)), *(
         one + weighed(two) + low(three) for one, two, three in zip(
