@@ -177,6 +177,7 @@ def test_a_torque_of_another_axis_has_no_interval():
 
 @pytest.mark.parametrize("drive, options, words", [
     (START.with_values({"converter.dead_time": 0.01}), {}, "converter.dead_time"),
+    (START, {"free": ("total.viscous",)}, "friction of each body"),
     (START, {"start": Start(rest=True)}, "start state")])
 def test_what_it_cannot_do_it_refuses(drive, options, words):
     with pytest.raises(BadOption, match=words):

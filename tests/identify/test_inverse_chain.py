@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from drivetool.check.validate_torque import validate_torque
+from drivetool.check.validation import ValidateOptions
 from drivetool.drive.chain import two_mass
 from drivetool.errors import NotEnoughData
 from drivetool.identify.greybox import greybox
@@ -93,3 +95,12 @@ def test_a_load_that_rattles_is_refused():
     drive = two_mass().with_values(values_of(RATTLING))
     with pytest.raises(NotEnoughData, match="forgets how it began"):
         greybox([record], drive, Options(criterion="inverse"))
+
+
+def test_sums_of_friction_are_shared_out_before_the_motor_is_moved():
+    record, _ = moved(MACHINE, 3)
+    parts = two_mass().with_values({**values_of(MACHINE), "motor.viscous": 0.1, "load.viscous": 0.04})
+    sums = two_mass().with_values({**values_of(MACHINE), "total.viscous": 0.14})
+    assert sums.parts("total.viscous", 0.14) == pytest.approx({"motor.viscous": 0.1, "load.viscous": 0.04})
+    fits = [validate_torque([record], [("m", d)], ValidateOptions()).checks[0].rmse for d in (parts, sums)]
+    assert fits[0] == pytest.approx(fits[1], rel=1e-9)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.influence import SLACK, sandwich
@@ -90,6 +90,10 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
 
 def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
     logged_as_it_acts(drive, free)
+    sums = [n for n in free if n in TOTALS]
+    if sums:
+        raise BadOption("the friction of each body for --criterion inverse", ", ".join(sums),
+                        f"Free {drive.bodies[0]}.{TOTALS[sums[0]]}: the motion of its body is known.")
     if options.start != Start():
         raise BadOption("a criterion that simulates for --start", "inverse, which asks for no start state",
                         "Leave --start out, or take --criterion auto.")

@@ -18,6 +18,7 @@ from drivetool.identify.inverse.motion import Motion, Motions, motion_of, motion
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import replaced
+from drivetool.identify.sums import apart
 from drivetool.logs.experiment import Experiment
 
 FEWEST = 2 * BLOCKS  # samples of a fit: blocks of one say nothing of each other
@@ -131,13 +132,14 @@ def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
              inputs: Sequence[str], narrower: float = 1.0) -> Inverse:
     """The measured motion of a body, smoothed in the widest band that its sensor's noise allows.
 
+    drive     sums of friction over its bodies are shared out first: the motion is that of one body
     sensor    role; narrower: by which factor the band is narrower
     raises    NotEnoughData: 50 values of the sensor in a row are not there
     """
     seen = motions_of(experiments, sensor)
     if narrower > 1.0:
         seen = _narrower(seen, experiments, sensor, narrower)
-    return Inverse(drive, tuple(free), tuple(experiments), tuple(inputs), seen).led_in()
+    return Inverse(apart(drive), tuple(free), tuple(experiments), tuple(inputs), seen).led_in()
 
 
 def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by: float) -> Motions:
