@@ -10,13 +10,13 @@ from drivetool.check import remarks
 from drivetool.check.correlation import Correlation, correlate, whiteness
 from drivetool.check.freerun import drift, noise_limit
 from drivetool.check.replay import Replay, begun_otherwise, replay, resonances
-from drivetool.check.validation import RecordCheck, ValidateOptions, Validation, told_apart
+from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, Exhibit
 from drivetool.identify.fit_percent import fit_percent, fit_words
 from drivetool.identify.rounding import only_rounding
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, numbered
 
 Model = tuple[str, Drive, Mapping[str, float]]
 
@@ -43,7 +43,7 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     for _, drive, _ in models:
         drive.require(drive.missing(), "a simulation")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = told_apart([e.name for e in experiments]), told_apart([name for name, _, _ in models])
+    files, names = numbered([e.name for e in experiments]), numbered([name for name, _, _ in models])
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     limited: list[RecordCheck] = []

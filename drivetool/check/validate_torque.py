@@ -7,16 +7,17 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from drivetool.check import remarks
-from drivetool.check.validation import RecordCheck, ValidateOptions, Validation, told_apart
+from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.estimate import Exhibit
-from drivetool.identify.fit_percent import fit_percent, fit_words
-from drivetool.identify.inverse.asked import logged_as_it_acts
-from drivetool.identify.inverse.regression import recorded
+from drivetool.identify.fit_percent import fit_words
+from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
+from drivetool.identify.inverse_dynamics.equations import torque_fit, torque_picture
+from drivetool.identify.inverse_dynamics.regression import recorded
 from drivetool.identify.setup import roles_of
 from drivetool.identify.start import Start
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, numbered
 
 
 def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[str, Drive]],
@@ -38,7 +39,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
         raise BadOption("free runs for --start and --segment", "--criterion inverse, which makes none",
                         "Leave them out, or --criterion.")
     seen = [frozenset(hashes) for hashes in fitted_on] or [frozenset()] * len(models)
-    files, names = told_apart([e.name for e in experiments]), told_apart([name for name, _ in models])
+    files, names = numbered([e.name for e in experiments]), numbered([name for name, _ in models])
     checks: list[RecordCheck] = []
     findings: list[Finding] = []
     exhibits: list[Exhibit] = []
@@ -60,25 +61,17 @@ def _checked(name: str, file: str, e: Experiment, drive: Drive,
              options: ValidateOptions) -> tuple[RecordCheck, Exhibit]:
     roles = roles_of([e], drive)
     q = recorded([e], drive, (), roles.outputs[0], roles.inputs[1:]).with_motion()[0]
-    torque, left = q.torque[q.used], q.residual[q.used]
-    if not len(torque):
+    if not q.used.any():
         raise NotEnoughData("samples in which the motor moves", f"none in {e.name}",
                             "Record a motion that is no standstill.")
-    fit, error = fit_percent(torque, torque - left), float(np.sqrt(np.mean(left**2)))
-    wide, total = float(np.ptp(torque)), float(np.sum((torque - torque.mean()) ** 2))
-    nan = float("nan")
-    rms = float(np.sqrt(np.mean(torque**2)))
+    f, nan, wide = torque_fit([q]), float("nan"), float(np.ptp(q.torque[q.used]))
     check = RecordCheck(
-        name, file, "motor_torque", e.torque_unit, fit, None, error, error / wide if wide else nan,
-        1.0 - float(left @ left) / total if total else nan, len(torque), nan, nan, nan, nan, None,
-        fit >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit, and is none
-        rmse_percent=100.0 * error / rms if rms else nan)
-    picture = Exhibit(
-        "record", f"{file}, model {name}: torque that the motion asks for, fit {fit_words(fit, '.1f')}", "time [s]",
-        f"motor torque [{e.torque_unit}]", {
-            "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, nan)),
-            "residual": (e.time, np.where(q.used, q.residual, nan))})
-    return check, picture
+        name, file, "motor_torque", e.torque_unit, f.fit_percent, None, f.rmse, f.rmse / wide if wide else nan,
+        1.0 - f.over_sd**2, f.n, nan, nan, nan, nan, None,
+        f.fit_percent >= (0.0 if options.min_fit is None else options.min_fit),  # a constant torque has no fit
+        rmse_percent=100.0 * f.over_rms)
+    title = f"{file}, model {name}: torque that the motion asks for, fit {fit_words(f.fit_percent, '.1f')}"
+    return check, torque_picture(e, q, title)
 
 
 def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -87,12 +86,3 @@ class Validation:
     data: tuple[tuple[str, str], ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
-
-
-def told_apart(names: Sequence[str]) -> list[str]:
-    """Names with a number where two are the same, or the cross table would merge them."""
-    many, seen, found = Counter(names), Counter(), []
-    for name in names:
-        seen[name] += 1
-        found.append(f"{name} ({seen[name]})" if many[name] > 1 else name)
-    return found

@@ -13,5 +13,4 @@ def _load():
     return backlash
 
 
-command = estimator_command("backlash", _load, {
-    "start": (cli.Start, None), "criterion": (cli.GapCriterion, cli.GapCriterionName.auto)})
+command = estimator_command("backlash", _load, {"start": (cli.Start, None)})

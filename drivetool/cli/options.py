@@ -9,15 +9,7 @@ import typer
 
 
 class CriterionName(StrEnum):
-    """What a grey-box fit minimises."""
-
-    auto = "auto"
-    innovations = "innovations"
-    simulation = "simulation"
-
-
-class GapCriterionName(StrEnum):
-    """What a fit of a gap minimises."""
+    """What a fit in time minimises: errors of the motion, or those of the torque."""
 
     auto = "auto"
     innovations = "innovations"
@@ -102,9 +94,6 @@ Start = Annotated[list[str] | None, _option(
     "--start", metavar="rest|STATE=VALUE", help="Known state in which every recording begins, so that it is not "
     "fitted: 'rest' for standstill, BODY.speed=VALUE, SHAFT.twist=VALUE, or the angle of the first body, as in "
     "'motor.angle=90 deg'; repeatable.")]
-Criterion = Annotated[CriterionName, _option(
-    "--criterion", help="What the fit minimises: one-step prediction with its noise model, or simulation; auto "
-    "means innovations, since only greybox tries several explanations of the record.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]
@@ -132,7 +121,7 @@ Order = Annotated[int | None, _option(
     "--order", metavar="N", min=1, help="Order of its dynamics, 2 n - 1 for n bodies. Default: by held-out score.")]
 NoiseOrder = Annotated[int | None, _option(
     "--noise-order", metavar="N", min=0, help="Order of its noise model (bj, armax). Default: 2.")]
-GapCriterion = Annotated[GapCriterionName, _option(
+Criterion = Annotated[CriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or inverse: "
     "the torque that the motion asks for; auto tries several explanations of the record.")]
 FitCriterion = Annotated[FitCriterionName, _option(

@@ -59,7 +59,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
-        from drivetool.identify.inverse.greybox import greybox_by_inverse
+        from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
 
         drive = apart(drive)
         free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))

@@ -27,7 +27,7 @@ from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit
 from drivetool.identify.sums import with_totals
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, numbered
 
 PHYSICAL = ("physical", "physical-innovations")
 STRUCTURES = (*KINDS, *PHYSICAL)
@@ -114,7 +114,7 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
     """
     if len(experiments) < 2:
         raise NotEnoughData("at least two recordings to compare", f"{len(experiments)}", "Name another log file.")
-    names = _told_apart([e.name for e in experiments])
+    names = numbered([e.name for e in experiments])
     models = []
     for structure in options.structures:
         for name, e in zip(names, experiments, strict=True):
@@ -276,8 +276,3 @@ def _amplitude(structure: str, models: Sequence[Model]) -> list[Finding]:
         f"{known[high][0]:.4g} on {high}, {apart / std:.0f} standard deviations apart: the records are not of one "
         "linear drive.", {"low": known[low][0], "high": known[high][0], "std": std},
         "A lower notch at a lower amplitude points to backlash: compare amplitudes, and excite odd lines only.")]
-
-
-def _told_apart(names: Sequence[str]) -> list[str]:
-    """Names with a number where two are the same."""
-    return [f"{n} ({list(names[:i + 1]).count(n)})" if list(names).count(n) > 1 else n for i, n in enumerate(names)]

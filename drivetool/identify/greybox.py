@@ -65,7 +65,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
-        from drivetool.identify.inverse.greybox import greybox_by_inverse
+        from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
 
         # The motion is known, so that a motor's friction is told from the others'.
         drive = apart(drive)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 from zlib import crc32
@@ -150,3 +151,12 @@ class Experiment:
         return replace(
             self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})
+
+
+def numbered(names: Sequence[str]) -> list[str]:
+    """Names with a number where two are the same, or a table would merge them."""
+    many, seen, found = Counter(names), Counter(), []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name} ({seen[name]})" if many[name] > 1 else name)
+    return found

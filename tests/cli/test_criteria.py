@@ -2,13 +2,12 @@
 
 from typing import get_args
 
-from drivetool.cli.options import BlackboxCriterionName, CriterionName, FitCriterionName, GapCriterionName
+from drivetool.cli.options import BlackboxCriterionName, CriterionName, FitCriterionName
 from drivetool.identify.options import Criterion, Options
 
 
 def test_the_command_line_takes_every_criterion_and_no_other():
     assert {str(n) for n in FitCriterionName} == set(get_args(Criterion))
-    assert {str(n) for n in CriterionName} == set(get_args(Criterion)) - {"frequency", "inverse"}  # know no gap
-    assert {str(n) for n in GapCriterionName} == set(get_args(Criterion)) - {"frequency"}  # which knows no gap
+    assert {str(n) for n in CriterionName} == set(get_args(Criterion)) - {"frequency"}  # of one body and no gap
     assert {str(n) for n in BlackboxCriterionName} == set(get_args(Criterion)) - {"auto", "inverse"}
     assert Options().criterion in get_args(Criterion)

@@ -12,7 +12,7 @@ from drivetool.identify.explanations.candidates import Field
 from drivetool.identify.explanations.explanation import spread
 from drivetool.identify.explanations.judge import run_length
 from drivetool.identify.explanations.laws import Law
-from drivetool.identify.inverse.linear import BLOCKS
+from drivetool.identify.inverse_dynamics.linear import BLOCKS
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.task import Outcome, Task

@@ -12,8 +12,8 @@ from drivetool.identify.explanations.candidates import Candidate, Field
 from drivetool.identify.explanations.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
 from drivetool.identify.explanations.influence import sandwich
 from drivetool.identify.explanations.judge import Judge
-from drivetool.identify.inverse.linear import BLOCKS
-from drivetool.identify.inverse.motion import Smoothing
+from drivetool.identify.inverse_dynamics.linear import BLOCKS
+from drivetool.identify.inverse_dynamics.motion import Smoothing
 from drivetool.identify.noise import Noise
 from drivetool.identify.results import Z95
 from drivetool.identify.task import Task

@@ -10,7 +10,7 @@ from drivetool.identify.engine import by_innovations
 from drivetool.identify.explanations.foretold import FOLDS, _sums, foretold, with_laws
 from drivetool.identify.explanations.laws import UNFELT, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
-from drivetool.identify.inverse.motion import motions_of
+from drivetool.identify.inverse_dynamics.motion import motions_of
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -5,7 +5,7 @@ import pytest
 
 from drivetool.identify.engine import by_innovations, by_simulation, coloured
 from drivetool.identify.explanations.influence import SLACK, influence_of, sandwich
-from drivetool.identify.inverse.linear import BLOCKS
+from drivetool.identify.inverse_dynamics.linear import BLOCKS
 from drivetool.identify.results import covariance_of
 from tests.identify.test_foretold import drawn
 

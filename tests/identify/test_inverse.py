@@ -11,9 +11,10 @@ from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import greybox, torque_is_the_answer
-from drivetool.identify.inverse.asked import asked
-from drivetool.identify.inverse.linear import Rows, change_of, covariance_of, inverse_of
-from drivetool.identify.inverse.motion import Motion
+from drivetool.identify.inverse_dynamics.asked import asked
+from drivetool.identify.inverse_dynamics.linear import Rows, change_of, covariance_of, inverse_of
+from drivetool.identify.inverse_dynamics.motion import Motion
+from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
 from drivetool.identify.options import Options
 from drivetool.identify.setup import roles_of
 from drivetool.identify.start import Start
@@ -123,6 +124,50 @@ def test_instruments_have_no_bias_where_least_squares_has(reference):
     assert abs(off[True]) < 3.0 < abs(off[False])
     for with_it, least in ((True, 0.85), (False, 0.95)):  # std_structure of least squares covers its bias
         assert np.mean([abs(e) < 1.96 * s for e, s in errors[with_it]]) >= least
+
+
+def test_the_stated_std_is_that_of_its_parts_whatever_the_units():
+    more = 0.3 * S.side * np.exp(-(W / 1.5) ** 2)
+    drive = START.with_values({"motor.stribeck": 0.1, "motor.stribeck_speed": 3.0})
+    noisy = record(S, "motor_angle", more=more + 0.05 * np.random.default_rng(2).standard_normal(len(W)))
+    stated = []
+    for unit in (1.0, 1e6):  # of the torque
+        made = replace(noisy, signals={**noisy.signals, "motor_torque": unit * noisy.signals["motor_torque"]})
+        start = {n: v if n.endswith("speed") else unit * v for n, v in drive.values.items()}
+        e = greybox([made], one_body().with_values(start), Options(
+            criterion="inverse", free=("motor.stribeck", "motor.stribeck_speed")))
+        for p in e.parameters:
+            assert p.std == pytest.approx(np.hypot(p.std_noise, p.std_structure), rel=1e-6), p.name
+        stated.append([p.std / (1.0 if p.name.endswith("speed") else unit) for p in e.parameters])
+    assert stated[0] == pytest.approx(stated[1], rel=1e-3)
+
+
+def test_the_first_stage_is_an_f_of_the_numbers_fitted():
+    record_, other = (loop_record(MACHINES[0], seed, 0.03, seconds=8.0) for seed in (1, 2))
+    seen = recorded([record_], MACHINES[0].start, (), "motor_angle", ())
+    known = with_instruments(seen, "motor_angle", "reference_angle")
+    own, made = (m.acceleration[::seen.kept] for m in (seen.seen.each[0], known.foreseen[0]))
+    explained, left = 1.0 - np.var(own - made) / np.var(own), np.var(own - made) / np.var(own)
+    count = 3 * 6 + 2  # shapes by memories, and a zero and a drift
+    assert strength(known) == pytest.approx(explained / count / (left / (len(own) - count)), rel=0.02)
+    both = recorded([record_, other], MACHINES[0].start, (), "motor_angle", ())
+    assert with_instruments(both, "motor_angle", "reference_angle").fitted == count + 2
+
+
+def test_recordings_have_zeros_of_their_own():
+    """A speed reference says nothing of where an angle began."""
+    each = [loop_record(MACHINES[0], seed, 0.03, seconds=8.0) for seed in (1, 2)]
+    moved = [replace(e, signals={**e.signals, "motor_angle": e.signals["motor_angle"] + zero})
+             for e, zero in zip(each, (0.0, 50.0), strict=True)]
+    fits = []
+    for records in (each, moved):
+        given = [replace(e, signals={k: v for k, v in e.signals.items() if k != "reference_angle"})
+                 for e in records]
+        e = greybox(given, MACHINES[0].start, Options(criterion="inverse"))
+        assert e.details["instruments"] == "reference_speed"
+        fits.append([(p.value, p.std) for p in e.parameters])
+    # The encoder's steps lie otherwise about another zero.
+    assert np.all(np.abs(np.subtract(*fits)[:, 0]) < 0.2 * np.array(fits[0])[:, 1])
 
 
 def codes(e):

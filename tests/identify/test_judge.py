@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive.chain import one_body
 from drivetool.identify.explanations.judge import Judge
-from drivetool.identify.inverse.motion import Smoothing, smoothing_of
+from drivetool.identify.inverse_dynamics.motion import Smoothing, smoothing_of
 from drivetool.identify.noise import Noise
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivetool.identify.explanations.laws import UNFELT, library, unfelt
-from drivetool.identify.inverse.motion import motions_of
+from drivetool.identify.inverse_dynamics.motion import motions_of
 from tests.identify.swing import PARTS, record, swing
 
 BACK = "friction differs by direction"

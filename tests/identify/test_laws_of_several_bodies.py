@@ -10,7 +10,7 @@ from drivetool.identify.engine import by_innovations
 from drivetool.identify.explanations.candidates import candidates_of, laws_of, motions_of_bodies
 from drivetool.identify.explanations.laws import Law, library
 from drivetool.identify.explanations.own_parameters import nearest_line, within_bounds
-from drivetool.identify.inverse.motion import motions_of, motions_through
+from drivetool.identify.inverse_dynamics.motion import motions_of, motions_through
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.identify.swing import record, swing

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.inverse.motion import HIGHEST, motions_of, smoothing_of
+from drivetool.identify.inverse_dynamics.motion import HIGHEST, motions_of, smoothing_of
 from drivetool.logs.zero_phase import low_pass
 from tests.identify.swing import STEP, record, swing
 from tests.recover import experiment

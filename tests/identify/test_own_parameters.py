@@ -5,7 +5,7 @@ import pytest
 
 from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.own_parameters import STANDSTILL, nearest_line, within_bounds
-from drivetool.identify.inverse.motion import motions_of
+from drivetool.identify.inverse_dynamics.motion import motions_of
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()

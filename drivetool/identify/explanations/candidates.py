@@ -21,7 +21,7 @@ from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
 from drivetool.identify.explanations.own_parameters import nearest_line
 from drivetool.identify.explanations.regression import Regression, regress, regressable
-from drivetool.identify.inverse.motion import Motions, motions_of, motions_through
+from drivetool.identify.inverse_dynamics.motion import Motions, motions_of, motions_through
 from drivetool.identify.noise import filtered
 from drivetool.identify.task import Outcome, Task, has_gap
 from drivetool.identify.told_together import only_ratios

@@ -21,7 +21,7 @@ from drivetool.identify.explanations.judge import run_length
 from drivetool.identify.explanations.laws import UNFELT
 from drivetool.identify.explanations.own_parameters import within_bounds
 from drivetool.identify.innovations import Fit
-from drivetool.identify.inverse.motion import NOISE_SHARE
+from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, fit_ratio, minus_log_likelihood
 from drivetool.identify.options import Options

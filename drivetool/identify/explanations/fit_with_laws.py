@@ -12,7 +12,7 @@ from drivetool.identify.explanations.influence import influence_of, sandwich
 from drivetool.identify.explanations.laws import Law
 from drivetool.identify.explanations.regression import Regression, regress
 from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.inverse.motion import Motions
+from drivetool.identify.inverse_dynamics.motion import Motions
 from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import first_point

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import t as student
 
-from drivetool.identify.inverse.linear import BLOCKS
+from drivetool.identify.inverse_dynamics.linear import BLOCKS
 from drivetool.identify.noise import filtered, with_state
 from drivetool.identify.results import Z95, inverted
 from drivetool.identify.task import Outcome

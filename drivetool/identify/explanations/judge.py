@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.identify.engine import free_run
 from drivetool.identify.fit_percent import fit_percent
-from drivetool.identify.inverse.motion import SURE, Smoothing
+from drivetool.identify.inverse_dynamics.motion import SURE, Smoothing
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point

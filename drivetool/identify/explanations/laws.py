@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from drivetool.identify.inverse.motion import Motion, Motions
+from drivetool.identify.inverse_dynamics.motion import Motion, Motions
 
 WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
 BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks

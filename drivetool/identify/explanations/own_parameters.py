@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivetool.identify.explanations.laws import Law
-from drivetool.identify.inverse.motion import Motions
+from drivetool.identify.inverse_dynamics.motion import Motions
 from drivetool.identify.task import Task
 
 STANDSTILL = 0.01  # of the top speed: below it friction has no line

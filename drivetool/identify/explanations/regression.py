@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.identify.explanations.laws import Law
-from drivetool.identify.inverse.equations import equations, stands
-from drivetool.identify.inverse.linear import Rows, change_of, influence_of, inverse_of
-from drivetool.identify.inverse.motion import Motions
+from drivetool.identify.inverse_dynamics.equations import equations, stands
+from drivetool.identify.inverse_dynamics.linear import Rows, change_of, influence_of, inverse_of
+from drivetool.identify.inverse_dynamics.motion import Motions
 from drivetool.identify.task import Task
 
 COLUMNS = ("motor.inertia", "motor.viscous", "motor.coulomb", "motor.idle_torque")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.identify.inverse.asked import Part, asked
-from drivetool.identify.inverse.motion import ORDER, Motion, Motions
+from drivetool.identify.estimate import Exhibit
+from drivetool.identify.fit_percent import fit_percent
+from drivetool.identify.inverse_dynamics.asked import Part, asked
+from drivetool.identify.inverse_dynamics.motion import ORDER, Motion, Motions
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.zero_phase import low_pass
 
+ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
 STANDING = 0.05  # of standstill in what the filter mixes into a sample, from which it is left out
 
 
@@ -29,6 +32,38 @@ class Equations:
     residual: np.ndarray
     slopes: np.ndarray
     used: np.ndarray
+
+
+@dataclass(frozen=True)
+class TorqueFit:
+    """How well a motion asks for the torque, over the samples that are used.
+
+    fit_percent  100 (1 - error over standard deviation), NaN of a constant torque
+    rmse         in the torque's unit; over_rms, over_sd: over the torque's root mean square and standard deviation
+    """
+
+    fit_percent: float
+    rmse: float
+    over_rms: float
+    over_sd: float
+    n: int
+
+
+def torque_fit(found: Sequence[Equations]) -> TorqueFit:
+    """The figures of recordings together."""
+    torque, left = (np.concatenate([v[q.used] for v, q in zip(each, found, strict=True)]) for each in (
+        [q.torque for q in found], [q.residual for q in found]))
+    error, rms, sd = (float(np.sqrt(np.mean(v**2))) for v in (left, torque, torque - torque.mean()))
+    constant = sd <= ROUNDED * rms
+    return TorqueFit(fit_percent(torque, torque - left), error, error / rms if rms else np.inf,
+                     1.0 if constant else error / sd, len(torque))
+
+
+def torque_picture(e: Experiment, q: Equations, title: str) -> Exhibit:
+    """The torque as logged, and as the motion asks for it."""
+    return Exhibit("record", title, "time [s]", f"motor torque [{e.torque_unit}]", {
+        "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, np.nan)),
+        "residual": (e.time, np.where(q.used, q.residual, np.nan))})
 
 
 def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions, motion: Motion,

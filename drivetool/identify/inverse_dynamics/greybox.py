@@ -15,16 +15,16 @@ from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.influence import SLACK, sandwich
 from drivetool.identify.feedback import feedback_in
-from drivetool.identify.fit_percent import fit_percent
-from drivetool.identify.inverse.asked import logged_as_it_acts
-from drivetool.identify.inverse.instruments import reference_of
-from drivetool.identify.inverse.linear import beyond_stationary
-from drivetool.identify.inverse.motion import NOISE_SHARE
-from drivetool.identify.inverse.regression import Solved, recorded, solved, strength, with_instruments
+from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
+from drivetool.identify.inverse_dynamics.equations import TorqueFit, torque_fit, torque_picture
+from drivetool.identify.inverse_dynamics.instruments import reference_of
+from drivetool.identify.inverse_dynamics.linear import beyond_stationary
+from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
+from drivetool.identify.inverse_dynamics.regression import Solved, recorded, solved, strength, with_instruments
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
-from drivetool.identify.results import Z95, parameters_of
+from drivetool.identify.results import Z95, covariance_of, parameters_of
 from drivetool.identify.setup import Roles
 from drivetool.identify.start import Start
 from drivetool.logs.experiment import Experiment
@@ -33,7 +33,6 @@ WEAK = 10.0  # first-stage F below which instruments are weak (Staiger and Stock
 NARROWER = 2.0  # by which the band is narrower that shows what depends on the band
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 NEW = 1e-3  # of a torque's power that its past does not foretell: with less a loop without noise looks open
-ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
 NOTHING = 0.9  # of the torque's standard deviation, from which the motion explains nothing of it
 
 
@@ -69,18 +68,17 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
         findings.append(_no_instrument(why))
     else:
         record = with_instruments(first, sensor, reference)
-        if (f := strength(record)) < WEAK:
-            findings.append(_weak(reference, f))
+        if (first_stage := strength(record)) < WEAK:
+            findings.append(_weak(reference, first_stage))
             record, reference = first, None
     fit = solved(record)
     structure = _structure(fit, sensor, reference)
     total = fit.covariance + _held(fit, options.known) + np.outer(structure, structure) * np.eye(len(structure))
     lines, covariance, more = _lines(fit, drive, total, structure)
-    figures, exhibits = _torque_figures(fit)
-    relative = figures["torque_rmse_over_sd"]
+    f, figures, exhibits = _torque_figures(fit)
     findings += [*more, *(() if reference else _of_feedback(experiments, sensor))]
-    if relative > NOTHING:
-        findings.append(_nothing(relative))
+    if f.over_sd > NOTHING:
+        findings.append(_nothing(f.over_sd))
         lines, covariance = tuple(_without(p) for p in lines), None
     return Estimate(
         "greybox", fit.at.drive, lines, _outcome(fit, reference), figures, covariance, {},
@@ -102,19 +100,21 @@ def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
 def _structure(fit: Solved, sensor: str, reference: str | None) -> np.ndarray:
     """(k,) standard deviations by what stationary noise of the torque does not explain.
 
-    Blocks of the record that disagree, another band that does, and without instruments what the torque's noise may
-    have moved.
+    Blocks of the record that disagree, another band that does, and what the torque's noise may have moved, unless
+    instruments have cured that.
     """
     r = fit.at
     other = recorded(r.experiments, r.drive, r.free, sensor, r.inputs, NARROWER)
     other = replace(other, lead=r.lead)
     if reference:
         other = with_instruments(other, sensor, reference)
-    narrow = solved(other, near=True)
+    narrow = solved(other)
     off = np.abs(fit.values - narrow.values)
     by_noise = np.sqrt(np.diag(sandwich(fit.influence - narrow.influence))) / SLACK
     by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
-    by_motion = np.zeros(len(off)) if reference else _moved_by_noise(fit) / Z95
+    # Through gaps and friction noise of the motion comes no more in proportion, and instruments do not cure it.
+    cured = reference is not None and not r.drive.shafts
+    by_motion = np.zeros(len(off)) if cured else _moved_by_noise(fit) / Z95
     return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(fit.influence, fit.covariance) ** 2)
 
 
@@ -159,10 +159,8 @@ def _lines(fit: Solved, drive: Drive, total: np.ndarray,
     problem = Linear(names, low, high, int(np.count_nonzero(x.any(axis=1))), k)
     normal = Normal(seen.T @ seen, (), (), -seen.T @ r, (), float(r @ r))
     solution = Solution(Point(fit.values, ()), normal, fit.steps, fit.converged)
-    variance = normal.cost / max(problem.count - k, 1)
-    plain = variance * np.linalg.pinv(normal.shared, rcond=1e-13, hermitian=True)
-    inside = fit.inverse.any(axis=1)
-    extra = np.where(inside[:, None] & inside, total - plain, 0.0)
+    plain, inside = covariance_of(problem, solution)[0], fit.inverse.any(axis=1)
+    extra = np.where(inside[:, None] & inside & np.isfinite(plain), total - plain, 0.0)
     lines, covariance, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
     parts = {n: (float(np.sqrt(max(total[j, j] - structure[j] ** 2, 0.0))), float(structure[j]))
              for j, n in enumerate(names)}
@@ -171,24 +169,16 @@ def _lines(fit: Solved, drive: Drive, total: np.ndarray,
     return lines, covariance, findings
 
 
-def _torque_figures(fit: Solved) -> tuple[dict[str, float | int | None], tuple[Exhibit, ...]]:
+def _torque_figures(fit: Solved) -> tuple[TorqueFit, dict[str, float | int | None], tuple[Exhibit, ...]]:
     """How well the motion asks for the torque, over what the filter lets pass, and its picture."""
-    pairs = fit.at.with_motion()
-    torque, left = (np.concatenate([v[q.used] for v, q in zip(each, pairs, strict=True)]) for each in (
-        [q.torque for q in pairs], [q.residual for q in pairs]))
-    e, smoothing = fit.at.experiments[0], fit.at.seen.smoothing
-    error, rms, sd = (float(np.sqrt(np.mean(v**2))) for v in (left, torque, torque - torque.mean()))
+    found, e = fit.at.with_motion(), fit.at.experiments[0]
+    f = torque_fit(found)
     figures: dict[str, float | int | None] = {
-        "torque_fit_percent": fit_percent(torque, torque - left), "torque_rmse": error,
-        "torque_rmse_over_rms_percent": 100.0 * error / rms if rms else None,
-        "torque_rmse_over_sd": error / sd if sd > ROUNDED * rms else 1.0,
-        "band_hz": smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": len(torque)}
-    exhibits = tuple(Exhibit("record", f"{e.name}: torque that the motion asks for", "time [s]",
-                             f"motor torque [{e.torque_unit}]", {
-        "measured": (e.time, q.torque), "simulated": (e.time, np.where(q.used, q.torque - q.residual, np.nan)),
-        "residual": (e.time, np.where(q.used, q.residual, np.nan))})
-        for e, q in zip(fit.at.experiments, pairs, strict=True))
-    return figures, exhibits
+        "torque_fit_percent": f.fit_percent, "torque_rmse": f.rmse,
+        "torque_rmse_over_rms_percent": 100.0 * f.over_rms, "torque_rmse_over_sd": f.over_sd,
+        "band_hz": fit.at.seen.smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": f.n}
+    return f, figures, tuple(torque_picture(e, q, f"{e.name}: torque that the motion asks for")
+                             for e, q in zip(fit.at.experiments, found, strict=True))
 
 
 def _outcome(fit: Solved, reference: str | None) -> str:

@@ -9,12 +9,19 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import NotEnoughData
-from drivetool.identify.inverse.asked import first_body
-from drivetool.identify.inverse.behind import behind
-from drivetool.identify.inverse.equations import Equations, equations, stands
-from drivetool.identify.inverse.instruments import foretold
-from drivetool.identify.inverse.linear import BLOCKS, Rows, change_of, covariance_of, influence_of, inverse_of
-from drivetool.identify.inverse.motion import Motion, Motions, motion_of, motions_of
+from drivetool.identify.inverse_dynamics.asked import first_body
+from drivetool.identify.inverse_dynamics.behind import begins, behind
+from drivetool.identify.inverse_dynamics.equations import Equations, equations, stands
+from drivetool.identify.inverse_dynamics.instruments import foretold
+from drivetool.identify.inverse_dynamics.linear import (
+    BLOCKS,
+    Rows,
+    change_of,
+    covariance_of,
+    influence_of,
+    inverse_of,
+)
+from drivetool.identify.inverse_dynamics.motion import Motion, Motions, motion_of, motions_of
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import replaced
@@ -35,6 +42,7 @@ class Inverse:
     inputs     roles of torques beside the motor's
     seen       the measured motion of the motor
     foreseen   what the reference foretells of it, per recording; None: there is no reference
+    fitted     numbers that were fitted to foresee it
     lead       per recording (n,) whether the state in which a chain began still shows; empty: nowhere
     """
 
@@ -44,6 +52,7 @@ class Inverse:
     inputs: tuple[str, ...]
     seen: Motions
     foreseen: tuple[Motion, ...] | None = None
+    fitted: int = 0
     lead: tuple[np.ndarray, ...] = ()
 
     @property
@@ -63,7 +72,7 @@ class Inverse:
         e, body, more = self.experiments[i], first_body(self.drive), None
         torques = {role: e.signals[role] for role in self.inputs}
         if self.drive.shafts:
-            more, torques = behind(self.drive, self.free, e, motion, torques).part, {}
+            more, torques = behind(self.drive, self.free, e, motion, torques), {}
         found = equations(e, body, self.free, self.seen, motion, standing, torques, more)
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
 
@@ -74,7 +83,7 @@ class Inverse:
         """
         if not self.drive.shafts:
             return self
-        lead = [behind(self.drive, self.free, e, m, {r: e.signals[r] for r in self.inputs}).begun
+        lead = [begins(self.drive, e, m, {r: e.signals[r] for r in self.inputs})
                 for e, m in zip(self.experiments, self.seen.each, strict=True)]
         share = float(np.mean(np.concatenate(lead)))
         if share > REMEMBERED:
@@ -150,42 +159,42 @@ def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by:
 
 def with_instruments(record: Inverse, sensor: str, reference: str) -> Inverse:
     """The same with the motion that the reference foretells as instrument."""
-    made = foretold(record.experiments, sensor, reference)
-    return replace(record, foreseen=tuple(
+    made, count = foretold(record.experiments, sensor, reference)
+    return replace(record, fitted=count, foreseen=tuple(
         motion_of(e, sensor, record.seen.smoothing, record.seen.top) for e in made))
 
 
 def strength(record: Inverse) -> float:
-    """First-stage F of the instruments: of the acceleration that they foretell.
+    """First-stage F: what is foreseen of the acceleration per fitted number, over what is not per value left.
 
-    source  Stock and Yogo 2005
+    source  Staiger and Stock 1997
     """
     own, other = (np.concatenate([m.acceleration for m in each])[::record.kept]
                   for each in (record.seen.each, record.foreseen or ()))
     known = np.isfinite(own) & np.isfinite(other)
-    left = float(np.sum((own - other)[known] ** 2))
-    return float(np.sum(own[known] ** 2) - left) / max(left / max(np.count_nonzero(known), 1), 1e-300)
+    left, whole = float(np.sum((own - other)[known] ** 2)), float(np.sum(own[known] ** 2))
+    degrees = max(int(np.count_nonzero(known)) - record.fitted, 1)
+    return (whole - left) / record.fitted / max(left / degrees, 1e-300)
 
 
-def solved(record: Inverse, near: bool = False) -> Solved:
-    """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps.
-
-    near  whether the values are those of a fit in another band: one step will do
-    """
+def solved(record: Inverse) -> Solved:
+    """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps."""
     values = np.array([record.drive.value(n) for n in record.free], float)
     problem, rows = Torque(record), record.rows()
     bends = np.zeros(len(values), bool)
-    if not near and _bends(record, rows, values, problem, ~bends):
+    if _bends(record, rows, values, problem, ~bends):
         bends = np.array([_bends(record, rows, values, problem, one) for one in np.eye(len(values), dtype=bool)])
     change, inverse = _inside(rows, values, problem, bends)
     record, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
     if bends.any():
         values = np.array([record.drive.value(n) for n in record.free], float)
         solution = solve(Torque(record), Point(values, ()), enough=ENOUGH * problem.power)
-        record, steps, converged = record.at(solution.point.values), solution.iterations, solution.converged
-        _, inverse = _inside(record.rows(), solution.point.values, problem)
-    # The slopes of where the step began: one step has not gone far, or nothing bends.
-    rows = [replace(r, residual=r.residual - r.slopes @ change) for r in rows] if near else record.rows()
+        values = solution.point.values
+        record, steps, converged = record.at(values), solution.iterations, solution.converged
+        within = np.flatnonzero((values > problem.low) & (values < problem.high))
+        inverse = np.zeros_like(inverse)
+        inverse[np.ix_(within, within)] = inverse_of([_of(r, within) for r in record.rows()])
+    rows = record.rows()
     shares = influence_of(rows, inverse)
     return Solved(record, tuple(rows), covariance_of(rows, inverse), shares, inverse, steps, converged)
 
@@ -202,7 +211,7 @@ def _bends(record: Inverse, rows: Sequence[Rows], values: np.ndarray, problem: T
 
 @dataclass(frozen=True)
 class Torque:
-    """The fit as a least-squares problem for `least_squares.solve`: of what the instruments see of the residual."""
+    """The fit as a problem for `least_squares.solve`: of the residual, or of what the instruments see of it."""
 
     record: Inverse
 
@@ -235,24 +244,30 @@ class Torque:
 
     def normal(self, point: Point, gains: object = None) -> Normal:
         """Normal equations at a point."""
-        z, x, r = self._seen(point)
-        basis = _basis(z)
-        x, r = basis.T @ x, basis.T @ r
+        x, r = self._seen(point)
         return Normal(x.T @ x, (), (), -x.T @ r, (), float(r @ r))
 
     def cost(self, point: Point, gains: object = None) -> float:
-        """Sum of squares that the instruments see."""
-        z, _, r = self._seen(point)
-        seen = _basis(z).T @ r
-        return float(seen @ seen)
+        """Sum of squares that are to be small."""
+        if self.record.foreseen:
+            r = self._seen(point)[1]
+        else:  # least squares ask for no slopes
+            at = replace(self.record.at(point.values), free=())
+            r = np.concatenate([q.residual for q in at.rows()])
+        return float(r @ r)
 
     def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:
         """The point after a step, inside the bounds."""
         return Point(np.clip(point.values + step, self.low, self.high), ())
 
-    def _seen(self, point: Point) -> tuple[np.ndarray, ...]:
+    def _seen(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """(slopes, residual): the whole of both, or that part which the instruments see."""
         rows = self.record.at(point.values).rows()
-        return tuple(np.concatenate([getattr(q, n) for q in rows]) for n in ("instruments", "slopes", "residual"))
+        z, x, r = (np.concatenate([getattr(q, n) for q in rows]) for n in ("instruments", "slopes", "residual"))
+        if not self.record.foreseen:
+            return x, r
+        basis = _basis(z)
+        return basis.T @ x, basis.T @ r
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
@@ -273,8 +288,7 @@ def _inside(rows: Sequence[Rows], values: np.ndarray, problem: Torque,
     change, moves = np.zeros(k), np.ones(k, bool) if stays is None else ~stays
     while True:
         i = np.flatnonzero(moves)
-        part = [Rows(r.residual - r.slopes[:, ~moves] @ change[~moves], r.slopes[:, i], r.instruments[:, i])
-                for r in rows]
+        part = [_of(replace(r, residual=r.residual - r.slopes[:, ~moves] @ change[~moves]), i) for r in rows]
         inverse = np.zeros((k, k))
         if len(i):
             inverse[np.ix_(i, i)] = inverse_of(part)
@@ -284,3 +298,8 @@ def _inside(rows: Sequence[Rows], values: np.ndarray, problem: Torque,
             return change, inverse
         change[out] = np.clip(values + change, low, high)[out] - values[out]
         moves &= ~out
+
+
+def _of(rows: Rows, i: np.ndarray) -> Rows:
+    """The equations of some parameters."""
+    return Rows(rows.residual, rows.slopes[:, i], rows.instruments[:, i])

@@ -15,7 +15,7 @@ from drivetool.drive.chain import Drive
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.system import PARAMETERS
 from drivetool.errors import BadOption
-from drivetool.identify.inverse.motion import Motion
+from drivetool.identify.inverse_dynamics.motion import Motion
 
 PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
 

@@ -38,21 +38,28 @@ def _moves(e: Experiment, role: str) -> bool:
     return bool(np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values))
 
 
-def foretold(experiments: Sequence[Experiment], sensor: str, reference: str) -> tuple[Experiment, ...]:
-    """The experiments with that in place of the sensor's signal which the reference foretells.
+def foretold(experiments: Sequence[Experiment], sensor: str, reference: str) -> tuple[tuple[Experiment, ...], int]:
+    """(the experiments with what the reference foretells in place of the sensor's signal, numbers fitted for that).
 
     sensor     role that is replaced; reference: role, of the same motion or a torque
     source     Van den Hof and Schrama 1993, the first of their two stages
     """
-    each = [_columns(e, sensor, reference) for e in experiments]
-    columns = np.concatenate([c for c, _ in each])
+    each, own = [_columns(e, sensor, reference) for e in experiments], 2 * len(experiments)
+    # A zero and a drift of each recording's own.
+    columns = [np.column_stack([shared, np.zeros((e.size, own))])
+               for e, (shared, _) in zip(experiments, each, strict=True)]
+    for i, (e, c) in enumerate(zip(experiments, columns, strict=True)):
+        place = c.shape[1] - own + 2 * i
+        c[:, place], c[:, place + 1] = 1.0, np.linspace(-1.0, 1.0, e.size)
+    rows = np.concatenate(columns)
     wanted = np.concatenate([e.signals[sensor] - given for e, (_, given) in zip(experiments, each, strict=True)])
-    used = np.isfinite(wanted) & np.isfinite(columns).all(axis=1)
-    size = np.sqrt(np.mean(columns[used] ** 2, axis=0))
+    used = np.isfinite(wanted) & np.isfinite(rows).all(axis=1)
+    size = np.sqrt(np.mean(rows[used] ** 2, axis=0))
     size[size == 0.0] = 1.0
-    factors = np.linalg.lstsq(columns[used] / size, wanted[used], rcond=1e-10)[0] / size
-    return tuple(replace(e, signals={**e.signals, sensor: given + c @ factors})
-                 for e, (c, given) in zip(experiments, each, strict=True))
+    factors = np.linalg.lstsq(rows[used] / size, wanted[used], rcond=1e-10)[0] / size
+    made = tuple(replace(e, signals={**e.signals, sensor: given + c @ factors})
+                 for e, c, (_, given) in zip(experiments, columns, each, strict=True))
+    return made, len(factors)
 
 
 def _columns(e: Experiment, sensor: str, reference: str) -> tuple[np.ndarray, np.ndarray]:
@@ -71,11 +78,9 @@ def _columns(e: Experiment, sensor: str, reference: str) -> tuple[np.ndarray, np
             value, columns = (np.cumsum(v, axis=0) * e.step for v in (value, columns))
         given[part] = value
         found.append((part, columns))
-    free = np.zeros((e.size, 2))  # a zero and a drift of each recording's own
-    free[:, 0], free[:, 1] = 1.0, np.linspace(-1.0, 1.0, e.size)
-    columns = np.full((e.size, found[0][1].shape[1] + 2), np.nan)
+    columns = np.full((e.size, found[0][1].shape[1]), np.nan)
     for part, values in found:
-        columns[part] = np.column_stack([values, free[part]])
+        columns[part] = values
     return columns, given
 
 
