@@ -111,7 +111,7 @@ DAMPER = {"motor.inertia": 1.0, "load.inertia": 60.0, "load.coulomb": 9000.0, "s
 
 @pytest.mark.slow
 def test_a_banded_damper_is_friction_behind_a_gap_and_a_hardening_spring():
-    """Judged by the other record, the friction of the load alone refitted; its owners' model leaves 0.22."""
+    """Judged by the other record, one factor on all friction refitted; its owners' model leaves 0.22."""
     def fitted(name, drive, free, hold):
         record = opened(f"damper-{name}.parquet", motor_torque={"channel": "force", "unit": "N"},
                         motor_angle={"channel": "displacement", "unit": "m"})
@@ -127,7 +127,7 @@ def test_a_banded_damper_is_friction_behind_a_gap_and_a_hardening_spring():
     for k, other in ("ab", "ba"):
         drive = found[k].drive
         names = (*default_free(drive, []), "shaft.half_gap", "motor.coulomb")
-        judged = fitted(other, drive, ("load.coulomb",), tuple(n for n in names if n != "load.coulomb"))
+        judged = fitted(other, drive, ("friction.factor",), names)
         assert judged.fit["torque_rmse_over_sd"] <= 0.16  # asked 0.22, hoped for 0.15
 
 

@@ -13,4 +13,5 @@ def _load():
     return backlash
 
 
-command = estimator_command("backlash", _load, {"start": (cli.Start, None)})
+command = estimator_command("backlash", _load, {
+    "start": (cli.Start, None), "record": (cli.Record, None)})

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
+from drivetool.cli.by_record import differing, only_stated
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded, say
@@ -36,13 +37,14 @@ Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Wh
 def command(
     logs: cli.Logs, params: cli.Base, holdout: Holdout = None, candidates: Candidates = "",
     error_budget: Budget = 0.01, rounds: Rounds = 3, seed: cli.Seed = 1, map: cli.Map = None,
-    condition: cli.Condition = None, out: cli.Out = None, report: Report = None, json: cli.Json = False,
-    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+    condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
+    json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
     held = tuple(holdout or ())
     job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet,
-              condition or ())
+              condition or (), record=record or ())
 
     def work() -> int:
         from drivetool.check.diagnosis import DiagnoseOptions
@@ -73,7 +75,9 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     split = len(opened.experiments) - held
     training, holdout = opened.experiments[:split], opened.experiments[split:]
     check_holdout(training, holdout)
-    drive, loaded = drive_for(job, opened), opened.loaded
+    loaded = opened.loaded
+    apart = only_stated(differing(job, opened.experiments, drive_for(job, opened)), job.step)
+    drive = apart.drive
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
@@ -87,7 +91,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
     found = replace(found, estimate=replace(
-        found.estimate, findings=findings(opened, said), options=noted(job, used)))
+        found.estimate, findings=findings(opened, said), options=noted(job, used, apart.words)))
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))

@@ -15,5 +15,6 @@ def _load():
 
 
 command = estimator_command("greybox", _load, {
-    "start": (cli.Start, None), "criterion": (cli.FitCriterion, cli.FitCriterionName.auto),
+    "start": (cli.Start, None), "record": (cli.Record, None),
+    "criterion": (cli.FitCriterion, cli.FitCriterionName.auto),
     "weighting": (cli.Weighting, cli.WeightingName.variance), "band": (cli.Band, None)})

@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from drivetool.errors import BadOption, BadParameters, BadRecording
 
@@ -38,6 +38,7 @@ class Job:
     condition: Sequence[str] = ()
     more: Sequence[str] = ()  # files read by an option that this command alone has
     start: Sequence[str] = ()
+    record: Sequence[str] = ()
 
     @property
     def inputs(self) -> list[str]:
@@ -110,9 +111,15 @@ def as_usage() -> Iterator[None]:
         raise BadOption(error.wanted, error.found, error.do, error.available) from None
 
 
-def noted(job: Job, options: Mapping[str, object]) -> dict[str, object]:
-    """The options that a step used; the conditioning and what is known of the start where there is any."""
-    used = {name: value for name, value in options.items() if name != "start" or job.start}
+def noted(job: Job, options: Mapping[str, Any], record: Sequence[tuple[str, str]] = ()) -> dict[str, object]:
+    """The options that a step used; the conditioning, and what was said of start and records where there is any.
+
+    record  (recording, word) as --record had them
+    """
+    used = {name: value for name, value in options.items() if name != "start"}
+    if job.start:
+        used["start"] = {name: value for name, value in options["start"].items() if name != "records"}
+    used |= {"record": [list(pair) for pair in record]} if record else {}
     return used | ({"condition": list(job.condition)} if job.condition else {})
 
 
@@ -144,10 +151,10 @@ def _shape(job: Job) -> Loaded | None:
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?inf|)\s*(.*)")
 
 
-def start_value(word: str, drive: Drive) -> tuple[str, float]:
+def start_value(word: str, drive: Drive, option: str = "--set") -> tuple[str, float]:
     """'shaft.half_gap=2 mrad' as name and value in the drive's unit."""
     name = word.partition("=")[0].strip()
-    return name, _value("--set", word, drive.unit(name))
+    return name, _value(option, word, drive.unit(name))
 
 
 def start_of(words: Sequence[str], drive: Drive) -> Start:

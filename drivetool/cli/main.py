@@ -12,6 +12,7 @@ from drivetool import __version__
 from drivetool.cli import (
     backlash,
     blackbox,
+    by_record,
     compare,
     convert,
     diagnose,
@@ -37,7 +38,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
 for _name, _module in COMMANDS.items():
     # After \b lines stay as they are, so that the example can be copied.
-    app.command(_name, help=_module.HELP, epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
+    app.command(_name, cls=by_record.Command, help=_module.HELP,
+                epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 
 def _version(asked: bool) -> None:

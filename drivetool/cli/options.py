@@ -94,6 +94,9 @@ Start = Annotated[list[str] | None, _option(
     "--start", metavar="rest|STATE=VALUE", help="Known state in which every recording begins, so that it is not "
     "fitted: 'rest' for standstill, BODY.speed=VALUE, SHAFT.twist=VALUE, or the angle of the first body, as in "
     "'motor.angle=90 deg'; repeatable.")]
+Record = Annotated[list[str] | None, _option(
+    "--record", metavar="FILE WORD", help="What differs in one of the recordings, named as on this command line: "
+    "NAME=VALUE, known; free=NAME,NAME, fitted anew; start=rest, start=STATE=VALUE or start=free; repeatable.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]

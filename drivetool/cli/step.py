@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
+from drivetool.cli.by_record import differing
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded
@@ -42,7 +43,7 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
         quiet: cli.Quiet = False, **more: object,
     ) -> None:
         job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
-                  condition or (), start=more.pop("start", None) or ())
+                  condition or (), start=more.pop("start", None) or (), record=more.pop("record", None) or ())
 
         def work() -> int:
             from drivetool.identify.options import Options
@@ -75,12 +76,14 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     from drivetool.identify.options import Options
 
     opened = open_all(job)
-    drive = drive_for(job, opened)
+    apart = differing(job, opened.experiments, drive_for(job, opened))
+    drive = apart.drive
     with as_usage():
         for name in (*options.hold, *options.free):
             if name != "all":
                 drive.quantity(name)
-    options = replace(options, start=start_of(job.start, drive), known=opened.loaded.covariance(drive))
+    options = replace(options, free=(*options.free, *apart.free), known=opened.loaded.covariance(drive),
+                      start=replace(start_of(job.start, drive), records=apart.starts))
     try:
         estimate = estimator(opened.experiments, drive, options)
     except DriveToolError:
@@ -90,5 +93,6 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     plain = asdict(Options())  # of what only one step has, the file says what was asked for
     used = {name: value for name, value in used.items()
             if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
-    estimate = replace(estimate, options=noted(job, used), findings=findings(opened, estimate.findings))
+    estimate = replace(estimate, options=noted(job, used, apart.words),
+                       findings=findings(opened, estimate.findings))
     return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivetool.cli import options as cli
+from drivetool.cli.by_record import differing, only_stated
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded, say
@@ -42,15 +43,15 @@ def command(
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
-    segment: Segment = 0.0, start: cli.Start = None, seed: cli.Seed = 1, out: cli.Out = None,
-    json: cli.Json = False,
+    segment: Segment = 0.0, start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
+    out: cli.Out = None, json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False,
 ) -> None:
     """Each --params file is a model of its own; see HELP."""
     job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
-              (gains,) if gains else (), start or ())
+              (gains,) if gains else (), start or (), record or ())
 
     def work() -> int:
         from drivetool.check.validation import ValidateOptions
@@ -66,8 +67,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     from drivetool.cli.replay import replay_gains
     from drivetool.files.result_file import validation_file
 
-    if job.start:
-        raise BadOption("--start or --gains", "both", "A replay of the closed loop begins as the record does.")
+    if job.start or job.record:
+        raise BadOption("--start or --record, or --gains", "both", "A replay begins as the record does.")
     if options.criterion == "inverse":
         raise BadOption("--criterion inverse or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
@@ -98,9 +99,10 @@ def run(job: Job, options: ValidateOptions) -> int:
 
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    models = [(one.sources[0].name, drive_for(job, opened, one), one.noise) for one in each]
+    apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
+    models = [(one.sources[0].name, found.drive, one.noise) for one, found in zip(each, apart, strict=True)]
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
-    options = replace(options, start=start_of(job.start, models[0][1]))
+    options = replace(options, start=replace(start_of(job.start, models[0][1]), records=apart[0].starts))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
@@ -112,7 +114,8 @@ def run(job: Job, options: ValidateOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    validation = replace(validation, options=noted(job, asdict(options) | dict(validation.options)),
+    used = asdict(options) | dict(validation.options)
+    validation = replace(validation, options=noted(job, used, apart[0].words),
                          findings=findings(opened, validation.findings))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:

@@ -13,12 +13,14 @@ from operator import mul
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive, shares
+from drivetool.drive.chain import TOTALS, Drive, shared, shares
 from drivetool.drive.dual import Dual
+from drivetool.drive.effects import EFFECTS
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
 Row = dict[int, Dual]  # state -> factor
+FRICTION = frozenset(suffix for effect in EFFECTS for suffix in effect.friction)
 PAD = 4  # parameter columns come in fours: fewer variants to compile, and whole vectors
 
 
@@ -63,6 +65,9 @@ class Assembly:
         self.drive, self.layout = drive, layout
         self.nq = -(-len(layout.free) // PAD) * PAD if layout.gradient else 0
         self.n = len(drive.bodies)
+        # In whichever recording: a start state has the same length in all.
+        self.acting = {shared(n) for n in layout.free} | {
+            shared(n) for n, v in drive.values.items() if v is not None and v != drive.quantity(n).neutral}
         self.states = [f"{b}.speed" for b in drive.bodies] + [f"{s}.twist" for s in drive.shafts]
         if angle_roles(layout) or self._turns():
             self.states.append("angle")
@@ -107,17 +112,21 @@ class Assembly:
     def of_body(self, body: int, suffix: str) -> Dual:
         """A body's parameter; a total is shared out as TOTALS in chain.py says."""
         name = f"{self.drive.bodies[body]}.{suffix}"
+        factor = self.number(1.0)
+        if suffix in FRICTION and self.acts_on_friction("factor"):
+            factor = self.of_friction("factor")
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
-                return self.parameter(total) * self._share(suffix, body)
-        return self.parameter(name)
+                return self.parameter(total) * self._share(suffix, body) * factor
+        return self.parameter(name) * factor
 
     def _share(self, suffix: str, body: int) -> Dual:
         """A body's parameter for a total of one."""
         masses = []
         for name in self.drive.bodies:
             mass, radius = self.parameter(f"{name}.carried_mass"), self.parameter(f"{name}.radius")
-            masses.append(self.parameter(f"{name}.inertia") + mass * radius * radius)
+            added = self.parameter(f"{name}.added_inertia")
+            masses.append(self.parameter(f"{name}.inertia") + added + mass * radius * radius)
         ratios = [self.parameter(f"{shaft}.ratio") for shaft in self.drive.shafts]
         return shares(suffix, masses, list(accumulate([self.number(1.0), *ratios], mul)))[body]
 
@@ -137,33 +146,29 @@ class Assembly:
         """A parameter of the friction of all bodies."""
         return self.parameter(f"friction.{suffix}")
 
-    def _acts(self, name: str) -> bool:
-        value = self.drive.values.get(name)
-        return name in self.layout.free or (value is not None and value != self.drive.quantity(name).neutral)
-
     def acts(self, body: int, suffix: str) -> bool:
         """Whether a body's effect is present: not neutral, or free."""
-        return self._acts(f"{self.drive.bodies[body]}.{suffix}")
+        return f"{self.drive.bodies[body]}.{suffix}" in self.acting
 
     def acts_on_shaft(self, shaft: int, suffix: str) -> bool:
         """Whether a shaft's effect is present."""
-        return self._acts(f"{self.drive.shafts[shaft]}.{suffix}")
+        return f"{self.drive.shafts[shaft]}.{suffix}" in self.acting
 
     def acts_on_path(self, suffix: str) -> bool:
         """Whether an effect of the torque path is present."""
-        return self._acts(f"converter.{suffix}")
+        return f"converter.{suffix}" in self.acting
 
     def acts_on_friction(self, suffix: str) -> bool:
         """Whether an effect of the friction of all bodies is present."""
-        return self._acts(f"friction.{suffix}")
+        return f"friction.{suffix}" in self.acting
 
     def filters_speed(self) -> bool:
         """Whether the motor speed goes through a low-pass before it is logged."""
-        return "motor_speed" in self.layout.outputs and self._acts("sensor.bandwidth")
+        return "motor_speed" in self.layout.outputs and "sensor.bandwidth" in self.acting
 
     def _turns(self) -> bool:
         """Whether a torque depends on the angle."""
-        return any(effect.over_angle and self._acts(f"{owner}.{suffix}")
+        return any(effect.over_angle and f"{owner}.{suffix}" in self.acting
                    for effect, owner, _ in self.drive.effects() for suffix in effect.present)
 
     def speed(self, body: int) -> int:

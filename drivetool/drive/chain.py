@@ -22,6 +22,7 @@ from drivetool.quantity import Quantity
 TOTALS = {"total.viscous": "viscous", "total.idle_torque": "idle_torque"}
 GEARED = {"viscous": 2, "idle_torque": 1, "coulomb": 1}  # power of n by which a parameter counts less
 KNOWN_TORQUE = Quantity("{T}", "factor of a known torque", (-1e12, 1e12), 1e-2, 0.0)
+AT = "@"  # NAME@RECORD is the value of NAME in that recording alone
 TIP = "tip"  # a body behind the last that diagnose has found: the load's sensors and names are not its own
 Number = TypeVar("Number", float, Dual)
 
@@ -39,6 +40,7 @@ class Drive:
     damping_law  "inside": the shaft damping is part of the contact, which then never pulls
                  (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
     known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, its factor
+    records      recording -> sha256, of which some parameters have a value of their own, NAME@RECORD
     """
 
     name: str
@@ -49,11 +51,13 @@ class Drive:
     motion_unit: str = "rad"
     damping_law: DampingLaw = "inside"
     known_torques: tuple[str, ...] = ()
+    records: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def quantities(self) -> Mapping[str, Quantity]:
-        """Every parameter this chain can have, in a fixed order."""
-        return _quantities(self.bodies, self.shafts, self.known_torques)
+        """Every parameter this chain can have, in a fixed order, each followed by those of single recordings."""
+        own = tuple(n for n in self.values if AT in n) if self.records else ()
+        return _quantities(self.bodies, self.shafts, self.known_torques, own)
 
     def effects(self) -> tuple[tuple[Effect, str, int], ...]:
         """(effect, owner, index of the owner) for everything that can act here."""
@@ -61,8 +65,12 @@ class Drive:
 
     def quantity(self, name: str) -> Quantity:
         """The kind of a parameter; BadParameters suggests the nearest name."""
+        kind, at, record = name.partition(AT)
+        if at and record not in self.records:
+            raise BadParameters("a recording that has parameters of its own", f"'{record}' in {name}",
+                                "Declare it with --record, or name it under records.", tuple(self.records))
         try:
-            return self.quantities[name]
+            return _quantities(self.bodies, self.shafts, self.known_torques, ())[kind]
         except KeyError:
             raise BadParameters(
                 f"a parameter of the {self.name} drive", f"'{name}'",
@@ -87,8 +95,8 @@ class Drive:
         return list(accumulate([1.0, *ratios], mul))
 
     def inertias(self) -> list[float]:
-        """(n,) what the torques of each body accelerate: its inertia and the mass it carries; unknown is zero."""
-        return [(self.value(f"{b}.inertia") or 0.0)
+        """(n,) what the torques of each body accelerate: inertias and the mass it carries; unknown is zero."""
+        return [(self.value(f"{b}.inertia") or 0.0) + self.value(f"{b}.added_inertia")
                 + self.value(f"{b}.carried_mass") * self.value(f"{b}.radius") ** 2 for b in self.bodies]
 
     @property
@@ -136,7 +144,7 @@ class Drive:
             elif any(part in values for part in parts):
                 merged.pop(total, None)
         merged.update(values)
-        order = {name: i for i, name in enumerate(self.quantities)}
+        order = {name: i for i, name in enumerate(replace(self, values=merged).quantities)}
         return replace(self, values={k: merged[k] for k in sorted(merged, key=order.__getitem__)})
 
     def missing(self) -> list[str]:
@@ -163,14 +171,22 @@ def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Ef
 
 
 @cache
-def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...],
-                known_torques: tuple[str, ...]) -> Mapping[str, Quantity]:
+def _quantities(bodies: tuple[str, ...], shafts: tuple[str, ...], known_torques: tuple[str, ...],
+                own: tuple[str, ...]) -> Mapping[str, Quantity]:
     found = {f"{owner}.{suffix}": quantity for effect, owner, _ in _effects(bodies, shafts)
              for suffix, quantity in effect.quantities.items()}
     for total, suffix in TOTALS.items():
         found[total] = found[f"{bodies[0]}.{suffix}"]
     found |= dict.fromkeys(known_torques, KNOWN_TORQUE)
+    if own:
+        found = {n: quantity for name, quantity in found.items()
+                 for n in (name, *sorted(o for o in own if shared(o) == name))}
     return MappingProxyType(found)
+
+
+def shared(name: str) -> str:
+    """The name of a parameter without the recording in which it has a value of its own."""
+    return name.partition(AT)[0]
 
 
 def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> list[Number]:

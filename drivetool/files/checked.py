@@ -21,7 +21,8 @@ _WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "ma
 _SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection,
              "ratings": shapes.RatingsSection, "controller": shapes.ControllerSection,
              "diagnosis": shapes.DiagnosisSection}
-_LISTS = {"findings": shapes.FindingSection, "data": shapes.FileSection, "inputs": shapes.FileSection}
+_LISTS = {"findings": shapes.FindingSection, "records": shapes.FileSection, "data": shapes.FileSection,
+          "inputs": shapes.FileSection}
 
 
 def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:

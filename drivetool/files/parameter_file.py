@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from drivetool.drive.chain import KNOWN_DRIVES, TOTALS, Drive, two_mass
+from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
@@ -78,6 +78,7 @@ class Loaded:
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
             _same_units(section, drive, source.name)
+            drive = _with_records(drive, source.file)
             values = {}
             for name, entry in source.file.parameters.items():
                 value, unit = _written(entry)
@@ -268,6 +269,14 @@ def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
     _chain(bodies, tuple(shafts), name)
     return Drive(section.name or "custom", bodies, tuple(shafts), {},
                  drive.torque_unit, drive.motion_unit, law)
+
+
+def _with_records(drive: Drive, file: shapes.ParameterFile) -> Drive:
+    """The drive that knows the recordings of a file; of two that are called alike the earlier one is forgotten."""
+    records = {} if file.records is msgspec.UNSET else {entry.file: entry.sha256 for entry in file.records}
+    gone = tuple(f"{AT}{name}" for name, sha in records.items() if drive.records.get(name, sha) != sha)
+    values = {n: v for n, v in drive.values.items() if not (gone and n.endswith(gone))}
+    return replace(drive, values=values, records={**drive.records, **records})
 
 
 def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:

@@ -71,8 +71,8 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         explanation=estimate.explanation or msgspec.UNSET, laws=_laws(estimate.laws) or msgspec.UNSET,
         fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=finding_sections(estimate.findings),
         covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
-        details=plain(estimate.details), data=file_sections(estimate.data), inputs=file_sections(inputs),
-        options=plain(estimate.options))
+        details=plain(estimate.details), records=file_sections(drive.records.items()) or msgspec.UNSET,
+        data=file_sections(estimate.data), inputs=file_sections(inputs), options=plain(estimate.options))
 
 
 def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.ValidationFile:

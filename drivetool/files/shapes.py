@@ -247,6 +247,8 @@ class ParameterFile(Shape):
     controller: ControllerSection | None = None
     noise: dict[str, float | None] = {}
     details: Annotated[Plain, Meta(description="what else the step found")] = {}
+    records: Annotated[list[FileSection], Meta(
+        description="recordings with parameters of their own, NAME@FILE")] | UnsetType = UNSET
     data: Annotated[list[FileSection], Meta(description="recordings")] = []
     inputs: Annotated[list[FileSection], Meta(description="parameter files, in the order merged")] = []
     options: Plain = {}

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
+from drivetool.identify.by_record import shared_by_some
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import Contact, contact
@@ -63,12 +64,13 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
 
         drive = apart(drive)
         free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))
+        free = shared_by_some(free, drive, experiments)
         return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
     if {ALL, *TOTALS} & set(options.free):
         drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
-    free = chosen(drive, gaps, options)
+    free = shared_by_some(chosen(drive, gaps, options), drive, experiments)
     gaps = [g for g in gaps if g in free]
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     closed = {g: contact(task.at({g: 0.0}), drive.shafts.index(g.split(".")[0])) for g in gaps}

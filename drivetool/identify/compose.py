@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
-from drivetool.identify.engine import Outcome, free_run, looks_coloured
+from drivetool.identify.engine import Outcome, Task, free_run, looks_coloured
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
 from drivetool.identify.explanations.explanation import Explanation, told
 from drivetool.identify.fit_percent import fit_percent
@@ -20,7 +20,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.rounding import explains, rounding_alone
 from drivetool.identify.search import CONFIRMED, agrees
-from drivetool.identify.setup import problem_of
+from drivetool.identify.setup import EVERY, problem_of
 from drivetool.identify.start import contradicted_start
 from drivetool.identify.told_together import on_the_last, only_ratios, told_together, without_sizes
 
@@ -82,11 +82,18 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     return Estimate(
         step, after, lines, how_it_ended(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
-         **({"known_start": dict(task.start)} if task.start else {})},
+         **_known_start(task)},
         (*findings, *more, *held, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
+
+
+def _known_start(task: Task) -> dict[str, object]:
+    """What was known of the start states: of all recordings, and of those that differ by their names."""
+    found = dict(task.start.get(EVERY, {}))
+    found |= {e.name: dict(task.start[e.number]) for e in task.experiments if e.number in task.start}
+    return {"known_start": found} if task.start else {}
 
 
 def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Covariance | None) -> list[Finding]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
+from drivetool.identify.by_record import shared_by_some
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose
 from drivetool.identify.contact import opened_gaps
@@ -70,10 +71,11 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         # The motion is known, so that a motor's friction is told from the others'.
         drive = apart(drive)
         free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
+        free = shared_by_some(free, drive, experiments)
         return greybox_by_inverse(experiments, drive, free, roles, options)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
-    free = chosen(drive, default_free(drive, experiments), options)
+    free = shared_by_some(chosen(drive, default_free(drive, experiments), options), drive, experiments)
     if options.criterion == "frequency":
         from drivetool.identify.frequency_fit import greybox_by_frequency
 

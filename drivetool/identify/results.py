@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import AT, TOTALS, Drive, shared
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.least_squares import Solution, blocked, schur
@@ -108,12 +108,16 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
             lines[name] = Parameter(*common, std, ci, "fitted")
     for name, value in after.values.items():
         lines.setdefault(name, Parameter(name, float(value), after.unit(name), float(value),
-                                         status="held", reason="held at its start value"))
+                                         status="held", reason=_why_held(name)))
     order = [n for n in after.quantities if n in lines]
     kept = [j for j, n in enumerate(problem.names) if lines[n].status == "fitted"]
     matrix = covariance[np.ix_(kept, kept)]
     shared = Covariance(tuple(problem.names[j] for j in kept), matrix) if kept else None
     return tuple(lines[n] for n in order), shared, tuple(findings)
+
+
+def _why_held(name: str) -> str:
+    return "stated for this recording" if AT in name else "held at its start value"
 
 
 def why_on_bound(value: float) -> str:
@@ -186,6 +190,7 @@ def why_not(name: str, partners: Sequence[str], drive: Drive) -> str:
 
 def experiment_for(name: str, drive: Drive) -> str:
     """What to record so that a parameter shows."""
+    name = shared(name)
     suffix = name.rpartition(".")[2]
     if suffix in TOTALS.values() and name not in TOTALS:
         return f"Log the shaft torque or the load speed, or fit total.{suffix} instead."

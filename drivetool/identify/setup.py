@@ -11,13 +11,15 @@ import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.augment import plant_of
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import Drive, shared
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.by_record import as_recorded, differs
 from drivetool.identify.problem import Point, Problem
 from drivetool.logs.experiment import Experiment
 
+EVERY = -1  # in the place of a recording's number: those that are not named
 INPUTS = ("motor_torque", "load_torque", "motor2_torque")
 ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
 DENSE = 0.5  # share of the third differences that must be there to be enough
@@ -61,13 +63,15 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
 
 
 def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0,
-              start: Mapping[str, float] = MappingProxyType({})) -> tuple[Trace, ...]:
+              starts: Mapping[int, Mapping[str, float]] = MappingProxyType({})) -> tuple[Trace, ...]:
     """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero.
 
-    start  what is known of the state in which every experiment begins; nothing of what comes after a gap or a cut
+    starts  what is known of the state in which an experiment of that number begins, EVERY for those that are not
+            named; nothing of what comes after a gap or a cut
     """
     found = []
     for e in experiments:
+        known = starts.get(e.number, starts.get(EVERY, {}))
         u = np.column_stack([e.signals[r] for r in roles.inputs])
         y = np.column_stack([e.signals[r] for r in roles.outputs])
         for first, last in e.segments:
@@ -75,7 +79,7 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
                             e.offset + a * e.step, e.number, u[first:a] if a > first else None,
-                            start if a == e.segments[0][0] else {})
+                            known if a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
@@ -139,8 +143,8 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     free = tuple(free)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
-        layout = Layout(free, roles.inputs, roles.outputs, trace.step, memory, gradient)
-        return plant_of(_felt_in(replaced(drive, free, values), trace), layout)
+        trial, names = _felt_in(replaced(drive, free, values), free, trace)
+        return plant_of(trial, Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient))
 
     quantities = [drive.quantity(n) for n in free]
     seen, sizes = any(role.endswith("angle") for role in roles.outputs), _sizes(roles, traces)
@@ -149,9 +153,9 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
     return Problem(
         build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
         np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
-        later=np.array([n.rpartition(".")[0] in drive.shafts and n.endswith("damping") for n in free], bool),
+        later=np.array([n.partition(".")[0] in drive.shafts and shared(n).endswith("damping") for n in free], bool),
         bodies=len(drive.bodies),
-        by_record=load_step.only_in(drive.values),
+        by_record=load_step.only_in(drive.values) or differs(drive),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
         states=tuple(plain.states), sensor_std=float(stds[0]))
 
@@ -172,22 +176,22 @@ def _rms(parts: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.nanmean(values**2))) or 1.0
 
 
-def _felt_in(drive: Drive, trace: Trace) -> Drive:
-    """The drive as it was while that stretch was recorded."""
-    if not load_step.only_in(drive.values):
-        return drive
-    return replace(drive, values=load_step.felt_in(drive.values, trace.record))
+def _felt_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Drive, tuple[str, ...]]:
+    """The drive as it was while that stretch was recorded, and what its free parameters are called there."""
+    if load_step.only_in(drive.values):
+        drive = replace(drive, values=load_step.felt_in(drive.values, trace.record))
+    return as_recorded(drive, free, trace.record)
 
 
 def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
     """The same problem without gaps and Coulomb friction, which takes the same points."""
     free = tuple(free)
-    flat = {n: 0.0 for n in drive.quantities if n.endswith(SWITCHING)}
+    flat = {n: 0.0 for n in drive.quantities if shared(n).endswith(SWITCHING)}
     smooth = tuple(n for n in free if n not in flat)
 
     def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
-        trial = _felt_in(replaced(drive, free, values), trace)
-        layout = Layout(smooth, roles.inputs, roles.outputs, trace.step, memory, gradient)
+        trial, names = _felt_in(replaced(drive, free, values), smooth, trace)
+        layout = Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient)
         return plant_of(replace(trial, values={**trial.values, **flat}), layout)
 
     return replace(problem_of(drive, free, roles, traces), build=build)
@@ -229,8 +233,8 @@ def measured_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tupl
 
 
 def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str], order: int = 0) -> np.ndarray:
-    layout = Layout(tuple(free), roles.inputs, roles.outputs, trace.step, gradient=False)
-    plain = Assembly(drive, layout)
+    drive, names = _felt_in(drive, free, trace)
+    plain = Assembly(drive, Layout(names, roles.inputs, roles.outputs, trace.step, gradient=False))
     x = np.zeros(plain.nx)
     n, known = len(drive.bodies), trace.start
     speeds = [known.get(plain.states[0], _motor_speed(roles, trace, order))]

@@ -14,10 +14,11 @@ from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, Finding, nearest
+from drivetool.identify.by_record import as_recorded
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import inverted
-from drivetool.identify.setup import Roles, measured_states
+from drivetool.identify.setup import EVERY, Roles, measured_states
 
 REST = "rest"
 HEAD = 20  # measured values that show a start state: as many as the guess of the start speed takes
@@ -31,12 +32,14 @@ STILL = ("inertia", "carried_mass", "radius", "viscous", "viscous_asymmetry", "d
 class Start:
     """What is known of the state in which every recording begins.
 
-    rest    whether the drive stands still, and has stood still until then
-    states  state -> value in SI, by the names of `state_names`; they go before what rest says
+    rest     whether the drive stands still, and has stood still until then
+    states   state -> value in SI, by the names of `state_names`; they go before what rest says
+    records  number of a recording -> what is known of it alone, in the place of that
     """
 
     rest: bool = False
     states: Mapping[str, float] = field(default_factory=dict)
+    records: Mapping[int, Start] = field(default_factory=dict)
 
 
 def state_names(drive: Drive) -> tuple[str, ...]:
@@ -55,14 +58,25 @@ def checked_state(name: str, value: float, drive: Drive) -> None:
         raise BadOption(f"a finite start value of {name}", f"{value:g}", "Correct it.")
 
 
-def known_states(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dict[str, float]:
-    """State -> value of what is no unknown, by the names of `Assembly`.
+def known_states(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dict[int, dict[str, float]]:
+    """What is no unknown: number of a recording, or EVERY -> state by the names of `Assembly` -> value.
 
     free     names of the fitted parameters
+    returns  empty where nothing is known at all
+    raises   BadOption: an unknown state, a value that is not finite, an angle on which nothing depends
+    """
+    found = {EVERY: _known(start, drive, free, roles)}
+    for number, own in start.records.items():
+        found[number] = _known(own, *as_recorded(drive, free, number), roles)
+    return found if any(found.values()) else {}
+
+
+def _known(start: Start, drive: Drive, free: Sequence[str], roles: Roles) -> dict[str, float]:
+    """What is known of one recording.
+
     returns  of a drive at rest every speed, and the twist of each shaft beyond which nothing can hold or pull at
              standstill: Coulomb friction, an idle torque and a gap leave a twist open, or make it depend on what is
              fitted. The angle is measured, with noise, and stays an unknown
-    raises   BadOption: an unknown state, a value that is not finite, an angle on which nothing depends
     """
     for name, value in start.states.items():
         checked_state(name, value, drive)

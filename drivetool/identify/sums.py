@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import AT, TOTALS, Drive, shared
 from drivetool.identify.engine import Outcome, Task, again, by_simulation, fit_task, is_hard, segment_of
 from drivetool.identify.noise import Noise, fit_ratio, normal_under
 from drivetool.identify.options import Options
@@ -22,6 +22,7 @@ def with_totals(drive: Drive, named: Sequence[str]) -> Drive:
     """
     if len(drive.bodies) == 1:
         return drive
+    named = {*named, *(shared(n) for n in drive.values if AT in n)}
     for total, suffix in TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         if total not in drive.values and not any(p in named for p in parts):

@@ -20,14 +20,14 @@ from drivetool.logs.experiment import Experiment
 class Task:
     """A drive to be fitted to recordings.
 
-    start  what is known of the state in which every recording begins, see start.py
+    start  what is known of the state in which the recordings begin, by number, see `traces_of`
     """
 
     drive: Drive
     free: tuple[str, ...]
     roles: Roles
     experiments: tuple[Experiment, ...]
-    start: Mapping[str, float] = field(default_factory=dict)
+    start: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
 
     def problem(self, segment: float = 0.0, free: Sequence[str] | None = None) -> Problem:
         """The least-squares problem, with traces cut to `segment` seconds if above zero."""

@@ -124,7 +124,7 @@ class Experiment:
     @property
     def number(self) -> int:
         """What tells recordings apart where only a number can be kept: a checksum; 0 without a file."""
-        return crc32(self.sha256.encode())
+        return number_of(self.sha256)
 
     @property
     def size(self) -> int:
@@ -151,6 +151,11 @@ class Experiment:
         return replace(
             self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})
+
+
+def number_of(sha256: str) -> int:
+    """The number by which a recording of that content is known."""
+    return crc32(sha256.encode())
 
 
 def numbered(names: Sequence[str]) -> list[str]:

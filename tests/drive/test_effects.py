@@ -34,6 +34,8 @@ def base(law="inside", **more):
 
 # Effects with a smooth law, by themselves, on top of the base: (owner, values).
 SMOOTH = {
+    "added-inertia": {"load.added_inertia": 2.0},
+    "friction-factor": {"friction.factor": 1.4},
     "carried-mass": {"load.carried_mass": 8.0, "load.radius": 0.4},
     "stribeck": {"load.stribeck": 3.0, "load.stribeck_speed": 0.2},
     "asymmetric-friction": {"load.viscous_asymmetry": 0.2},

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from drivetool.drive.effects import (
+    added_inertia,
     asymmetry,
     backlash,
     carried_mass,
@@ -11,6 +12,7 @@ from drivetool.drive.effects import (
     dead_time,
     drag,
     drift,
+    friction_factor,
     hardening,
     idle_torque,
     imbalance,
@@ -29,6 +31,7 @@ from drivetool.drive.effects.effect import Effect
 
 EFFECTS: tuple[Effect, ...] = (
     inertia.EFFECT,
+    added_inertia.EFFECT,
     carried_mass.EFFECT,
     viscous.EFFECT,
     coulomb.EFFECT,
@@ -42,6 +45,7 @@ EFFECTS: tuple[Effect, ...] = (
     asymmetry.EFFECT,
     drag.EFFECT,
     drift.EFFECT,
+    friction_factor.EFFECT,
     warm_up.EFFECT,
     ripple.EFFECT,
     imbalance.EFFECT,

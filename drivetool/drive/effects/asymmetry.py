@@ -32,5 +32,6 @@ EFFECT = Effect(
     needs="at least two speeds in either direction",
     source="Armstrong-Helouvry 1991, Control of Machines with Friction",
     present=("viscous_asymmetry",),
+    friction=("viscous_asymmetry",),
     odd=False,
 )

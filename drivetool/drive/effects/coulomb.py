@@ -24,4 +24,5 @@ EFFECT = Effect(
     needs="motion in both directions; many slow reversals to tell one body from another",
     source="Tallfors 2005, ch. 5; Nordin, Galic, Gutman 1997",
     present=("coulomb",),
+    friction=("coulomb",),
 )

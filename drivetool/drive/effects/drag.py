@@ -27,4 +27,5 @@ EFFECT = Effect(
     needs="at least three speeds, one of them high; in one record it is confused with a drift",
     source="White, Fluid Mechanics, ch. 7",
     present=("drag",),
+    friction=("drag",),
 )

@@ -42,4 +42,5 @@ EFFECT = Effect(
     needs="steady running from cold for longer than the time constant; best a repeated record",
     source="Bittencourt, Gunnarsson 2012, J. Dyn. Sys. Meas. Control 134",
     present=("drift_coulomb", "drift_viscous"),
+    friction=("drift_coulomb", "drift_viscous"),
 )

@@ -28,6 +28,7 @@ class Effect:
     present     parameters that must differ from neutral for the effect to act; empty
                 if it always acts
     odd         whether torque(-motion) = -torque(motion)
+    friction    parameters that are friction, which `friction.factor` multiplies
     over_angle  whether the law takes the angle of a body, which is then a state whatever is measured
     """
 
@@ -40,4 +41,5 @@ class Effect:
     source: str
     present: tuple[str, ...] = ()
     odd: bool = True
+    friction: tuple[str, ...] = ()
     over_angle: bool = False

@@ -36,4 +36,5 @@ EFFECT = Effect(
     needs="many slow reversals: speeds of the order of the Stribeck speed",
     source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
     present=("stribeck",),
+    friction=("stribeck",),
 )

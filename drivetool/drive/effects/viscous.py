@@ -18,4 +18,5 @@ EFFECT = Effect(
     needs="at least two speeds; from motor torque and motor speed alone only the sum over the bodies",
     source="Tallfors 2005, (2.1)",
     present=("viscous",),
+    friction=("viscous",),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import NotEnoughData
+from drivetool.identify.by_record import as_recorded
 from drivetool.identify.inverse_dynamics.asked import first_body
 from drivetool.identify.inverse_dynamics.behind import begins, behind
 from drivetool.identify.inverse_dynamics.equations import Equations, equations, stands
@@ -69,11 +70,12 @@ class Inverse:
         return [self._equations(i, m, q) for i, (m, q) in enumerate(zip(motions, quiet, strict=True))]
 
     def _equations(self, i: int, motion: Motion, standing: np.ndarray) -> Equations:
-        e, body, more = self.experiments[i], first_body(self.drive), None
+        e, more = self.experiments[i], None
+        drive, free = as_recorded(self.drive, self.free, e.number)
         torques = {role: e.signals[role] for role in self.inputs}
-        if self.drive.shafts:
-            more, torques = behind(self.drive, self.free, e, motion, torques), {}
-        found = equations(e, body, self.free, self.seen, motion, standing, torques, more)
+        if drive.shafts:
+            more, torques = behind(drive, free, e, motion, torques), {}
+        found = equations(e, first_body(drive), free, self.seen, motion, standing, torques, more)
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
 
     def led_in(self) -> Inverse:
@@ -83,7 +85,7 @@ class Inverse:
         """
         if not self.drive.shafts:
             return self
-        lead = [begins(self.drive, e, m, {r: e.signals[r] for r in self.inputs})
+        lead = [begins(as_recorded(self.drive, (), e.number)[0], e, m, {r: e.signals[r] for r in self.inputs})
                 for e, m in zip(self.experiments, self.seen.each, strict=True)]
         share = float(np.mean(np.concatenate(lead)))
         if share > REMEMBERED:

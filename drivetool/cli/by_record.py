@@ -1,0 +1,154 @@
+"""--record FILE WORD: what differs in one of the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from typer.core import TyperCommand
+
+from drivetool.cli.inputs import Job, as_usage, start_of, start_value
+from drivetool.errors import BadOption
+
+if TYPE_CHECKING:
+    from drivetool.drive.chain import Drive
+    from drivetool.identify.start import Start
+    from drivetool.logs.experiment import Experiment
+
+OPTION = "--record"
+BETWEEN = "\0"  # no argument of a process can hold it
+FREE, START = "free", "start"
+DO = f"Write for example '{OPTION} FILE load.added_inertia=0.02', '{OPTION} FILE free=motor.coulomb' or " \
+     f"'{OPTION} FILE start=rest'."
+
+
+class Command(TyperCommand):
+    """A command with an option of two words that may be repeated, which typer does not have."""
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        """The words behind the option are joined first."""
+        return super().parse_args(ctx, joined(args))
+
+
+def joined(args: Sequence[str]) -> list[str]:
+    """The words of a command line, both words after the option as one."""
+    found, left = [], list(args)
+    while left:
+        word = left.pop(0)
+        if word == "--":
+            return [*found, word, *left]
+        if word.startswith(f"{OPTION}="):
+            left.insert(0, word.removeprefix(f"{OPTION}="))
+            word = OPTION
+        found.append(word)
+        if word == OPTION and len(left) > 1:
+            found.append(f"{left.pop(0)}{BETWEEN}{left.pop(0)}")
+    return found
+
+
+@dataclass(frozen=True)
+class Differing:
+    """What the recordings differ in.
+
+    drive   with the values of single recordings, free or known
+    free    names of those that are fitted
+    starts  number of a recording -> the state in which it begins
+    words   (recording, word) as they were said
+    """
+
+    drive: Drive
+    free: tuple[str, ...] = ()
+    starts: dict[int, Start] = field(default_factory=dict)
+    words: tuple[tuple[str, str], ...] = ()
+
+
+def differing(job: Job, experiments: Sequence[Experiment], drive: Drive) -> Differing:
+    """The drive with what --record said.
+
+    raises  BadOption: a file that is no recording of the command line, a word that is none, an unknown name
+    """
+    found, states = Differing(drive), {}
+    for pair in job.record:
+        file, between, word = pair.partition(BETWEEN)
+        if not between:
+            raise BadOption(f"a recording and what differs in it after {OPTION}", f"only '{file}'", DO)
+        e = _recording(file, job.logs, experiments)
+        found = _with_label(found, e)
+        label = next(name for name, sha in found.drive.records.items() if sha == e.sha256)
+        kind, _, rest = word.partition("=")
+        if kind.strip() == START:
+            states.setdefault(e.number, []).append(rest)
+        elif kind.strip() == FREE:
+            found = _freed(found, label, rest, word)
+        else:
+            found = _stated(found, label, word)
+        found = replace(found, words=(*found.words, (label, word)))
+    starts = {number: start_of([w for w in words if w.strip() != FREE], drive) for number, words in states.items()}
+    return replace(found, starts=starts)
+
+
+def only_stated(found: Differing, step: str) -> Differing:
+    """The same for a step that fits nothing."""
+    if found.free:
+        raise BadOption(f"known changes after {OPTION} of {step}", f"{FREE}=", "Fit it with greybox --record, and "
+                        "pass the file that it writes.")
+    return found
+
+
+def _recording(file: str, logs: Sequence[str], experiments: Sequence[Experiment]) -> Experiment:
+    """The recording of that name on the command line."""
+    if file not in logs:
+        raise BadOption(f"a recording of the command line after {OPTION}", f"'{file}'",
+                        "Name it as it is named there.", tuple(logs))
+    e = experiments[list(logs).index(file)]
+    if sum(other.sha256 == e.sha256 for other in experiments) > 1:
+        raise BadOption(f"a recording after {OPTION} whose content no other has", f"'{file}', which is there twice",
+                        "Leave out the copy.")
+    return e
+
+
+def _with_label(found: Differing, e: Experiment) -> Differing:
+    """The drive that knows the recording, by its file's name; numbered where another one is called so."""
+    records = found.drive.records
+    if e.sha256 in records.values():
+        return found
+    name, count = e.name, 2
+    while name in records:
+        name, count = f"{e.name} ({count})", count + 1
+    return replace(found, drive=replace(found.drive, records={**records, name: e.sha256}))
+
+
+def _freed(found: Differing, label: str, names: str, word: str) -> Differing:
+    """Parameters that are fitted anew for the recording, from the value that they have."""
+    each = [n.strip() for n in names.split(",") if n.strip()]
+    if not each:
+        raise BadOption(f"names after {FREE}=", f"'{word}'", DO)
+    for name in each:
+        drive = _in_parts(found.drive, name)
+        with as_usage():
+            own, value = f"{name}@{label}", drive.value(name)
+            value = drive.values.get(own, value)
+            if value is None:
+                raise BadOption(f"a start value of {name}", "none", f"Give one with --set {name}=VALUE.")
+            drive = drive.with_values({own: value})
+        found = replace(found, drive=drive, free=(*found.free, own))
+    return found
+
+
+def _stated(found: Differing, label: str, word: str) -> Differing:
+    """A parameter whose value in the recording is known."""
+    drive = _in_parts(found.drive, word.partition("=")[0].strip())
+    with as_usage():
+        name, value = start_value(word, drive, OPTION)
+        return replace(found, drive=drive.with_values({f"{name}@{label}": value}))
+
+
+def _in_parts(drive: Drive, name: str) -> Drive:
+    """The friction of each body in the place of their sum, where one of them is named."""
+    from drivetool.drive.chain import TOTALS
+    from drivetool.identify.sums import apart
+
+    suffix = name.rpartition(".")[2]
+    sums = [total for total, part in TOTALS.items() if part == suffix and total != name and total in drive.values]
+    return apart(drive) if sums else drive
