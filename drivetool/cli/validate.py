@@ -67,8 +67,9 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     from drivetool.cli.replay import replay_gains
     from drivetool.files.result_file import validation_file
 
-    if job.start or job.record:
-        raise BadOption("--start or --record, or --gains", "both", "A replay begins as the record does.")
+    for option, words in (("--start", job.start), ("--record", job.record)):
+        if words:
+            raise BadOption(f"{option} or --gains", "both", "A closed loop begins as the record does.")
     if options.criterion == "inverse":
         raise BadOption("--criterion inverse or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)

@@ -29,9 +29,7 @@ class Layout:
     """What is simulated: which parameters are free, which signals go in and out.
 
     free         names of the nq free parameters, in the order of the columns
-    inputs       roles, the motor torque first
-    outputs      roles
-    step         sample interval [s]
+    inputs       roles, the motor torque first; outputs: roles; step: sample interval [s]
     memory       None, or the correlation of a motor torque disturbance from one sample to the
                  next, which is then a state
     gradient     whether derivatives over the free parameters are wanted
@@ -112,9 +110,8 @@ class Assembly:
     def of_body(self, body: int, suffix: str) -> Dual:
         """A body's parameter; a total is shared out as TOTALS in chain.py says."""
         name = f"{self.drive.bodies[body]}.{suffix}"
-        factor = self.number(1.0)
-        if suffix in FRICTION and self.acts_on_friction("factor"):
-            factor = self.of_friction("factor")
+        scaled = suffix in FRICTION and self.acts_on_friction("factor")
+        factor = self.of_friction("factor") if scaled else self.number(1.0)
         for total, part in TOTALS.items():
             if part == suffix and (total in self.drive.values or total in self.layout.free):
                 return self.parameter(total) * self._share(suffix, body) * factor

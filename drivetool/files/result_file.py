@@ -99,7 +99,7 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
     del entry["name"]
     for key in ("value", "start", "std"):
         entry[key] = _float(entry[key])
-    for key in ("std_noise", "std_structure"):
+    for key in ("std_noise", "std_structure", "std_between", "repeatability"):
         entry[key] = msgspec.UNSET if entry[key] is None else _float(entry[key])
     entry["ci95"] = entry["ci95"] and tuple(map(_float, entry["ci95"]))
     if not entry["reason"]:

@@ -59,6 +59,10 @@ class ParameterSection(Shape):
     std_noise: Annotated[float | UnsetType, Meta(description="part of the std by noise")] = UNSET
     std_structure: Annotated[float | UnsetType, Meta(
         description="part of the std by what explanations of the record disagree in: the model's error")] = UNSET
+    std_between: Annotated[float | UnsetType, Meta(
+        description="part of the std by what varies from recording to recording")] = UNSET
+    repeatability: Annotated[float | UnsetType, Meta(
+        description="how much that is: the standard deviation of single recordings")] = UNSET
 
 
 class CovarianceSection(Shape):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
+import msgspec
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -25,6 +26,8 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     console  where to; colours only on a terminal
     """
     console.print(parameter_table(file.parameters))
+    if what := _what_holds(file):
+        console.print(Text(f"  {what}", style="dim"))
     told = {name: entry.reason for name, entry in file.parameters.items()
             if entry.reason not in ("", shapes.IF_COMPLETE) and entry.status != "held"}
     for name, reason in told.items():
@@ -38,6 +41,17 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
     if file.starts is not None and file.starts.tried > 1:
         count = file.starts.agreed or "none"
         console.print(Text(f"  {count} of {file.starts.tried} starts ended at these values"))
+
+
+def _what_holds(file: shapes.ParameterFile) -> str:
+    """For what the +- holds: one recording, or the machine."""
+    if file.step not in ("greybox", "backlash") or all(p.std is None for p in file.parameters.values()):
+        return ""
+    if len(file.data) == 1:
+        return "+- within this record; how the machine repeats on another day is not in it"
+    if any(p.repeatability is not msgspec.UNSET for p in file.parameters.values()):
+        return f"+- of the machine, by {len(file.data)} recordings; repeat: scatter from one to another (std)"
+    return f"+- within these {len(file.data)} recordings"
 
 
 def print_validation(file: shapes.ValidationFile, console: Console) -> None:
@@ -65,17 +79,20 @@ def print_findings(findings: Sequence[shapes.FindingSection], console: Console) 
 
 
 def parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
-    """Parameter, value, unit, +- (one std), %, start, status; held ones dimmed."""
+    """Parameter, value, unit, +- (one std), %, scatter between recordings, start, status; held ones dimmed."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
     table.add_column("parameter", overflow="fold", min_width=min(24, max(map(len, parameters), default=9)))
+    repeated = any(entry.repeatability is not msgspec.UNSET for entry in parameters.values())
     for title, side in (("value", "right"), ("unit", "left"), ("+- (std)", "right"), ("%", "right"),
-                        ("start", "right")):
+                        *([("repeat", "right")] if repeated else []), ("start", "right")):
         table.add_column(title, justify=side, no_wrap=True)
     table.add_column("status", overflow="fold")
     for name, entry in parameters.items():
         value, std = rounded(entry.value, entry.std)
+        scatter = None if entry.repeatability is msgspec.UNSET else entry.repeatability
         cells = (name, value, entry.unit or "", std, percent(entry.value, entry.std),
-                 short(entry.start), entry.status.replace("not-", "not "))
+                 *([short(scatter, 2)] if repeated else []), short(entry.start),
+                 entry.status.replace("not-", "not "))
         table.add_row(*map(Text, cells), style=_row_style(entry.status))
     return table
 

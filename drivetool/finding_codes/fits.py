@@ -239,6 +239,11 @@ CODES = {
         "5 % level over all parameters and pairs of records. With one record each, another machine and another day "
         "look the same.",
         "Record each machine several times, at different times."),
+    "records-scatter": Code(
+        NOTE,
+        "A parameter varies from recording to recording by more than the noise within them explains, at the 1 % "
+        "level over all parameters. Its interval holds for the machine and not for one day.",
+        "State what was changed on purpose with `--record`; more recordings tell the scatter better."),
     "resonance-near-sampling-rate": Code(
         WARNING,
         "The resonance lies above a third of the sampling rate. Its damping and frequency are poorly determined.",

@@ -17,6 +17,7 @@ from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
+from drivetool.identify.repeats import repeats_of, told_by_each, with_scatter
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.rounding import explains, rounding_alone
 from drivetool.identify.search import CONFIRMED, agrees
@@ -40,35 +41,16 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     known     covariance of the values the step was given
     explanation  of which the outcome is the fit; the drive is reported without its laws
     """
-    task, problem, solution = outcome.task, outcome.problem, outcome.solution
-    after = outcome.drive
-    extra, held = _from_held(outcome, known)
-    extra = _plus(extra, _from_sharing(outcome))
-    if outcome.fit is not None:
-        extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
-    known_too = replace(before, known_torques=after.known_torques)
-    lines, covariance, more = parameters_of(problem, solution, known_too, after, extra)
-    more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
-    own, figures = task.at_point(solution.point), {}
+    task, own = outcome.task, outcome.task.at_point(outcome.solution.point)
     if explanation is not None:
-        lines, covariance = told(lines, explanation, extra)
-        figures = explanation.figures
         own = explanation.own
-        after = own.drive
-    if only_ratios(outcome):
-        lines, ratios = without_sizes(lines, outcome)
-        more = (*(f for f in more if f.code != ratios.code), ratios)
-    lines, covariance = told_together(lines, covariance, own, known)
-    if unsettled(outcome):
-        lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
-    if explanation is not None and explanation.worthless:
-        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
+    lines, covariance, more = _lines(before, own, outcome, known, explanation)
     _, _, runs = free_run(own, noise=outcome.fit.noise if outcome.fit else None)
     traces = own.problem(free=()).traces
     y = np.concatenate([t.outputs[:, 0] for t in traces])
     simulated = np.concatenate([r[:, 0] for r in runs])
     figures = {
-        "simulation_fit_percent": fit_percent(y, simulated), **figures,
+        "simulation_fit_percent": fit_percent(y, simulated), **(explanation.figures if explanation else {}),
         "one_step_fit_percent": one_step_percent(outcome, y),
         "rmse": float(np.sqrt(np.nanmean((y - simulated) ** 2))),
         "n": int(np.isfinite(y).sum()),
@@ -80,13 +62,45 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         noise_findings = [*(f for f in noise_findings if f.code != "innovations-correlated"),
                           rounding_alone(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
     return Estimate(
-        step, after, lines, how_it_ended(outcome), figures, covariance, noise,
+        step, own.drive, lines, how_it_ended(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
          **_known_start(task)},
-        (*findings, *more, *held, *noise_findings),
+        (*findings, *more, *noise_findings),
         tuple((e.name, e.sha256) for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
+
+
+def _lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None, explanation: Explanation | None,
+           ) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
+    """The lines of the table, their covariance, and what could not be told.
+
+    own  the task at the reported values
+    """
+    problem, after = outcome.problem, outcome.drive
+    extra, held = _from_held(outcome, known)
+    extra = _plus(extra, _from_sharing(outcome))
+    if outcome.fit is not None:
+        extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
+    known_too = replace(before, known_torques=after.known_torques)
+    lines, covariance, more = parameters_of(problem, outcome.solution, known_too, after, extra)
+    more = (*more, *contradicted(known, before, after, covariance), *_not_begun_so(outcome))
+    line, names = None, problem.names
+    if explanation is not None:
+        lines, covariance = told(lines, explanation, extra)
+        line, names = explanation.line, own.free
+    repeats = repeats_of([] if unsettled(outcome) else told_by_each(outcome), line)
+    lines, covariance, varies = with_scatter(lines, covariance, names, repeats, own.drive)
+    more = (*more, *varies)
+    if only_ratios(outcome):
+        lines, ratios = without_sizes(lines, outcome)
+        more = (*(f for f in more if f.code != ratios.code), ratios)
+    lines, covariance = told_together(lines, covariance, own, known)
+    if unsettled(outcome):
+        lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
+    if explanation is not None and explanation.worthless:
+        lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
+    return lines, covariance, (*more, *held)
 
 
 def _known_start(task: Task) -> dict[str, object]:
@@ -156,8 +170,7 @@ def unsettled(outcome: Outcome) -> bool:
 
 def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
     """The lines with no interval on what was fitted."""
-    return tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, reason=why)
-                 if p.status in ("fitted", "at-bound") else p for p in lines)
+    return tuple(p.untold(why) if p.status in ("fitted", "at-bound") else p for p in lines)
 
 
 def _not_settled(outcome: Outcome) -> Finding:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,8 @@ class Parameter:
                        `reason` says why
     std_noise, std_structure   parts of the std: by noise, and by what explanations of the record disagree in; None
                        where the fit does not tell them apart
+    std_between        part of the std by what varies from recording to recording; repeatability: how much that
+                       is, the standard deviation of single recordings; None: fewer than two tell the parameter
     """
 
     name: str
@@ -34,6 +36,13 @@ class Parameter:
     reason: str = ""
     std_noise: float | None = None
     std_structure: float | None = None
+    std_between: float | None = None
+    repeatability: float | None = None
+
+    def untold(self, reason: str, status: Status | None = None) -> Parameter:
+        """The same without an interval."""
+        return replace(self, std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
+                       repeatability=None, reason=reason, status=status or self.status)
 
 
 @dataclass(frozen=True)

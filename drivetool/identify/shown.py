@@ -66,8 +66,7 @@ def not_of_shaft(estimate: Estimate, shaft: str, reason: str) -> Estimate:
     k = drive.shafts.index(shaft)
     names = {f"{shaft}.stiffness", f"{shaft}.damping", *(
         f"{body}.{what}" for body in drive.bodies[k:k + 2] for what in ("inertia", "carried_mass"))}
-    lines = tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, status="not-identifiable",
-                          reason=reason)
+    lines = tuple(p.untold(reason, "not-identifiable")
                   if p.name in names and p.status in ("fitted", "at-bound") else p for p in estimate.parameters)
     kept = estimate.covariance
     if kept is not None:

@@ -61,9 +61,8 @@ def _of_torque(name: str, drive: Drive) -> bool:
 def without_sizes(lines: Sequence[Parameter], outcome: Outcome) -> tuple[tuple[Parameter, ...], Finding]:
     """The lines without an interval of any torque, and what to say."""
     torques = {n for n in outcome.task.free if _of_torque(n, outcome.drive)}
-    found = tuple(replace(p, std=None, ci95=None, std_noise=None, std_structure=None, status="not-identifiable",
-                          reason="only its ratio to the other torques is told: no torque of known size acts")
-                  if p.name in torques else p for p in lines)
+    found = tuple(p.untold("only its ratio to the other torques is told: no torque of known size acts",
+                           "not-identifiable") if p.name in torques else p for p in lines)
     return found, Finding(
         "warning", "not-identifiable",
         f"{', '.join(sorted(torques))} can be told from this record over each other only: no torque of known size "

@@ -10,7 +10,7 @@ from drivetool.identify.by_record import as_recorded, shared_by_some
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_point, problem_of, roles_of, traces_of
+from drivetool.identify.setup import EVERY, first_point, problem_of, roles_of, traces_of
 from drivetool.identify.start import Start
 from drivetool.logs.experiment import number_of
 from tests.identify.loop import MACHINES, loop_record
@@ -156,7 +156,7 @@ def test_a_trace_takes_the_state_of_its_recording():
     records = [record("a", 1, 0.5), record("b", 2, 0.5)]
     drive = drive_of({})
     roles = roles_of(records, drive)
-    traces = traces_of(records, roles, 0.0, {-1: {"motor.speed": 0.0}, records[1].number: {"motor.speed": 2.0}})
+    traces = traces_of(records, roles, 0.0, {EVERY: {"motor.speed": 0.0}, records[1].number: {"motor.speed": 2.0}})
     problem = problem_of(drive, ("motor.inertia",), roles, traces)
     starts = first_point(drive, problem, roles).starts
     assert [s[0] for s in starts] == [0.0, 2.0] and isinstance(Point(np.zeros(1), starts), Point)

@@ -31,6 +31,7 @@ W, A, Q, SIDE, T = S.mean_speed, S.acceleration, S.middle, S.side, MOTION.time
 # name -> (values of its parameters, torque that it asks of the motor, by the law in the effect's own words)
 LAWS = {
     "inertia": ({"inertia": 0.3}, 0.3 * A),
+    "added-inertia": ({"added_inertia": 0.2}, 0.2 * A),
     "carried-mass": ({"carried_mass": 2.0, "radius": 0.3}, 2.0 * 0.3**2 * A),
     "viscous": ({"viscous": 0.7}, 0.7 * W),
     "coulomb": ({"coulomb": 0.4}, 0.4 * SIDE),

@@ -12,7 +12,7 @@ from drivetool.identify.cooling import observers, sides
 from drivetool.identify.greybox import greybox
 from drivetool.identify.noise import Noise
 from drivetool.identify.options import Options
-from drivetool.identify.setup import Roles, first_point, measured_states, roles_of, traces_of
+from drivetool.identify.setup import EVERY, Roles, first_point, measured_states, roles_of, traces_of
 from drivetool.identify.start import Start, known_states
 from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
@@ -121,15 +121,15 @@ def test_a_twist_at_rest_is_known_where_nothing_beyond_it_holds_or_pulls(values,
     drive = two_mass().with_values({"motor.inertia": 1.0, "load.inertia": 1.0, "shaft.stiffness": 1.0, **values})
     roles = Roles(inputs, ("motor_speed",))
     found = known_states(REST, drive, free, roles)
-    assert found == {"motor.speed": 0.0, "load.speed": 0.0} | ({"shaft.twist": 0.0} if known else {})
+    assert found[EVERY] == {"motor.speed": 0.0, "load.speed": 0.0} | ({"shaft.twist": 0.0} if known else {})
     stated = known_states(Start(True, {"shaft.twist": 0.3, "load.speed": 1.0}), drive, free, roles)
-    assert stated == {"motor.speed": 0.0, "load.speed": 1.0, "shaft.twist": 0.3}
+    assert stated == {EVERY: {"motor.speed": 0.0, "load.speed": 1.0, "shaft.twist": 0.3}}
 
 
 def test_behind_the_first_shaft_it_is_asked_shaft_by_shaft():
     drive = three_mass().with_values({**{f"{b}.inertia": 1.0 for b in ("motor", "gear", "arm")},
                                       "shaft.stiffness": 1.0, "shaft2.stiffness": 1.0, "gear.coulomb": 1.0})
-    assert set(known_states(REST, drive, (), SPEED)) == {
+    assert set(known_states(REST, drive, (), SPEED)[EVERY]) == {
         "motor.speed", "gear.speed", "arm.speed", "shaft2.twist"}
 
 
@@ -149,7 +149,7 @@ def test_it_holds_where_a_recording_begins_and_nowhere_else():
 
 def test_known_states_stay_and_have_no_slope():
     drive = drive_like(MACHINE, list(FREE))
-    start = {"motor.speed": 0.25, "shaft.twist": 0.001}
+    start = {EVERY: {"motor.speed": 0.25, "shaft.twist": 0.001}}
     task = Task(drive, FREE, SPEED, (record(at_rest(MACHINE)),), start)
     problem = task.problem()
     point = first_point(drive, problem, SPEED)
@@ -163,8 +163,8 @@ def test_an_angle_may_be_known_where_it_matters():
     drive = one_body().with_values({"motor.inertia": 1.0})
     start = Start(states={"motor.angle": 0.5})
     angle = Roles(("motor_torque",), ("motor_angle",))
-    assert known_states(start, drive, (), angle) == {"angle": 0.5}
-    assert known_states(REST, drive, (), angle) == {"motor.speed": 0.0}  # it is measured, with noise
+    assert known_states(start, drive, (), angle) == {EVERY: {"angle": 0.5}}
+    assert known_states(REST, drive, (), angle) == {EVERY: {"motor.speed": 0.0}}  # it is measured, with noise
     with pytest.raises(BadOption, match="nothing depends on it"):
         known_states(start, drive, (), SPEED)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.stats import t as student
 
@@ -13,6 +15,27 @@ from drivetool.identify.task import Outcome
 SLACK = float(student.ppf(0.975, BLOCKS - 1)) / Z95  # a variance of so few blocks is uncertain itself
 
 
+@dataclass(frozen=True)
+class Scores:
+    """What a fit's traces say of the free parameters at its point, start states eliminated.
+
+    matrix    (k, k) information; slopes: (BLOCKS, k) of half the cost, per block
+    variance  of a weighted residual
+    """
+
+    matrix: np.ndarray
+    slopes: np.ndarray
+    variance: float
+
+    @property
+    def inverse(self) -> np.ndarray:
+        """(k, k) of the information, without the directions that nothing tells."""
+        size = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
+        size[size <= 0.0] = 1.0
+        inverse, _ = inverted(self.matrix / np.outer(size, size), 1e-13)
+        return inverse / np.outer(size, size)
+
+
 def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     """((k, k) information-matrix covariance of the free parameters, (BLOCKS, k) shares of their error).
 
@@ -20,6 +43,16 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
 
     source  White 1982 for the sandwich; Bester, Conley and Hansen 2011 for few contiguous blocks
     """
+    found = scores_of(outcome)
+    if found is None:
+        k = len(outcome.problem.names)
+        return np.full((k, k), np.nan), np.full((BLOCKS, k), np.nan)
+    inverse = found.inverse
+    return found.variance * inverse, -found.slopes @ inverse
+
+
+def scores_of(outcome: Outcome) -> Scores | None:
+    """The scores of a fit; None where the sensitivities run away."""
     problem, point, fit = outcome.problem, outcome.solution.point, outcome.fit
     gains = None
     if fit is not None:
@@ -45,7 +78,7 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         done += trace.size
         whole = sums.sum(axis=0)
         if not np.isfinite(whole).all():
-            return np.full((k, k), np.nan), np.full((BLOCKS, k), np.nan)
+            return None
         size = np.sqrt(np.diag(whole)[own])
         size[size == 0.0] = 1.0
         # What the start states take up, by the whole trace.
@@ -54,12 +87,7 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         matrix += whole[:k, :k] - whole[:k, own] @ taken
         slopes += sums[:, :k, -1] - sums[:, own, -1] @ taken
         cost += whole[-1, -1]
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    size[size <= 0.0] = 1.0
-    inverse, _ = inverted(matrix / np.outer(size, size), 1e-13)
-    inverse = inverse / np.outer(size, size)
-    variance = cost / max(problem.count - problem.unknowns, 1)
-    return variance * inverse, -slopes @ inverse
+    return Scores(matrix, slopes, float(cost / max(problem.count - problem.unknowns, 1)))
 
 
 def sandwich(influence: np.ndarray) -> np.ndarray:

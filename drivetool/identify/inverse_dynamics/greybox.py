@@ -18,12 +18,14 @@ from drivetool.identify.feedback import feedback_in
 from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
 from drivetool.identify.inverse_dynamics.equations import TorqueFit, torque_fit, torque_picture
 from drivetool.identify.inverse_dynamics.instruments import reference_of
-from drivetool.identify.inverse_dynamics.linear import beyond_stationary
+from drivetool.identify.inverse_dynamics.linear import beyond_stationary, change_of, influence_of, inverse_of
+from drivetool.identify.inverse_dynamics.linear import covariance_of as covariance_of_rows
 from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
 from drivetool.identify.inverse_dynamics.regression import Solved, recorded, solved, strength, with_instruments
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
+from drivetool.identify.repeats import Told, repeats_of, told, with_scatter
 from drivetool.identify.results import Z95, covariance_of, parameters_of
 from drivetool.identify.setup import Roles
 from drivetool.identify.start import Start
@@ -75,6 +77,9 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
     structure = _structure(fit, sensor, reference)
     total = fit.covariance + _held(fit, options.known) + np.outer(structure, structure) * np.eye(len(structure))
     lines, covariance, more = _lines(fit, drive, total, structure)
+    repeats = repeats_of(told_by_each(fit))
+    lines, covariance, varies = with_scatter(lines, covariance, fit.at.free, repeats, fit.at.drive)
+    more = (*more, *varies)
     f, figures, exhibits = _torque_figures(fit)
     findings += [*more, *(() if reference else _of_feedback(experiments, sensor))]
     if f.over_sd > NOTHING:
@@ -116,6 +121,19 @@ def _structure(fit: Solved, sensor: str, reference: str | None) -> np.ndarray:
     cured = reference is not None and not r.drive.shafts
     by_motion = np.zeros(len(off)) if cured else _moved_by_noise(fit) / Z95
     return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(fit.influence, fit.covariance) ** 2)
+
+
+def told_by_each(fit: Solved) -> list[Told]:
+    """What each recording says by itself."""
+    found = []
+    for r in fit.rows:
+        matrix, inverse = r.instruments.T @ r.slopes, inverse_of([r])
+        change = change_of([r], inverse)
+        own = [replace(r, residual=r.residual - r.slopes @ change)]
+        covariance = covariance_of_rows(own, inverse)
+        beyond = beyond_stationary(influence_of(own, inverse), covariance)
+        found.append(told(change, matrix, fit.inverse, inverse, covariance + np.diag(beyond**2)))
+    return found
 
 
 def _moved_by_noise(fit: Solved) -> np.ndarray:
@@ -190,8 +208,7 @@ def _outcome(fit: Solved, reference: str | None) -> str:
 
 def _without(p: Parameter) -> Parameter:
     why = "the motion explains nothing of the torque"
-    return p if p.status == "held" else replace(
-        p, std=None, ci95=None, std_noise=None, std_structure=None, reason=why)
+    return p if p.status == "held" else p.untold(why)
 
 
 def _no_instrument(why: str) -> Finding:
