@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from enum import StrEnum
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,7 +14,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded
-from drivetool.errors import DriveToolError
+from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.identify.compare import CompareOptions
@@ -41,10 +43,15 @@ Order = Annotated[int | None, typer.Option(
     "--order", metavar="N", min=1, help="Of the polynomial ones. Default: 2 n - 1 for a drive of n bodies.")]
 
 
+Machines = Annotated[list[str] | None, typer.Option(
+    "--machine", metavar="NAME=PATTERN", help="Which recordings are of one machine, as 'A=axis1/*'; repeatable. "
+    "Machines are told apart by how each varies from recording to recording. Default: every recording for itself.")]
+
+
 def command(
     logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None, structure: Structures = None, order: Order = None,
-    noise_order: cli.NoiseOrder = None, set: cli.Set = None,
+    noise_order: cli.NoiseOrder = None, machine: Machines = None, set: cli.Set = None,
     out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False,
     debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
@@ -56,9 +63,37 @@ def command(
         from drivetool.identify.compare import CompareOptions
 
         names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")
-        return run(job, CompareOptions(names, order, noise_order))
+        return run(job, CompareOptions(names, order, noise_order, machines_of(machine or (), job.logs)))
 
     guarded("compare", work, debug, quiet)
+
+
+def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """'A=axis1/*' as the places of the recordings on the command line.
+
+    raises  BadOption: a pattern without recordings, a recording in two machines, a machine with one recording
+    """
+    from drivetool.identify.differences import FEWEST
+
+    found: dict[str, tuple[int, ...]] = {}
+    for word in words:
+        name, equals, pattern = (part.strip() for part in word.partition("="))
+        if not (name and equals and pattern):
+            raise BadOption("NAME=PATTERN after --machine", f"'{word}'", "Write for example --machine 'A=axis1/*'.")
+        if name in found:
+            raise BadOption("every machine once after --machine", f"'{name}' twice",
+                            "Put its recordings under one pattern.")
+        found[name] = tuple(i for i, log in enumerate(logs) if fnmatchcase(log, pattern))
+        if len(found[name]) < FEWEST:
+            raise BadOption(f"at least {FEWEST} recordings of machine {name}: one cannot tell it from its day",
+                            f"{len(found[name])} for '{pattern}'", "Correct the pattern, or record it again.",
+                            tuple(logs))
+    shared = [log for i, log in enumerate(logs) if sum(i in places for places in found.values()) > 1]
+    if shared:
+        raise BadOption("every recording in one machine", f"'{shared[0]}' in several", "Correct the patterns.")
+    if len(found) == 1:
+        raise BadOption("two machines to compare", f"only '{next(iter(found))}'", "Give another --machine.")
+    return found
 
 
 def run(job: Job, options: CompareOptions) -> int:
@@ -73,5 +108,7 @@ def run(job: Job, options: CompareOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    found = replace(found, options=noted(job, asdict(options)), findings=findings(opened, found.findings))
+    used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
+                                           for name, places in options.machines.items()}}
+    found = replace(found, options=noted(job, used), findings=findings(opened, found.findings))
     return deliver(job, comparison_file(found, opened.inputs), found.exhibits)

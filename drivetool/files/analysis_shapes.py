@@ -84,7 +84,7 @@ class SpreadSection(Shape):
 
 
 class DifferenceSection(Shape):
-    """A figure in two records."""
+    """A figure in two records, or of two machines."""
 
     structure: str
     name: str
@@ -92,7 +92,8 @@ class DifferenceSection(Shape):
     first: str
     second: str
     change: Annotated[Number, Meta(description="second less first")]
-    std: Annotated[Number, Meta(description="by the noise within both records")]
+    std: Annotated[Number, Meta(
+        description="by the noise within both records, or by what varies within both machines")]
     p: Annotated[Number, Meta(description="adjusted for all figures and pairs of the structure (Holm)")]
     differs: bool
 

@@ -65,9 +65,21 @@ def _print_comparison(file: ComparisonFile, console: Console) -> None:
         console.print(table)
     if any(d.differs for d in file.differences):
         table = _table("differs", "structure", "from", "to", "change", "+-", "unit", "p",
-                       title="between records, by more than the noise within them")
+                       title=_between(file))
         for d in (d for d in file.differences if d.differs):
             change, std = rounded(d.change, d.std)
             table.add_row(d.name, d.structure, _stem(d.first), _stem(d.second), change, std, d.unit, short(d.p, 2))
         console.print(table)
+    elif file.differences:
+        console.print(Text(f"  no figure differs {_between(file)}", style="dim"))
+    if file.differences and not file.options.get("machines"):
+        console.print(Text("  One record each cannot tell another machine from another day, see --machine.",
+                           style="dim"))
     console.print(Text(f"  {file.outcome}"))
+
+
+def _between(file: ComparisonFile) -> str:
+    """Between what figures differ, and by more than what."""
+    if file.options.get("machines"):
+        return "between machines, by more than each varies from recording to recording"
+    return "between records, by more than the noise within them"

@@ -233,6 +233,11 @@ CODES = {
         "A pole and a zero of the polynomial model cancel within their uncertainty. The order is higher than the "
         "records support.",
         "Lower `--order`, or leave it out to choose it by cross-validation."),
+    "machines-differ": Code(
+        WARNING,
+        "In `compare` with `--machine` a parameter differs between two machines by more than each varies from "
+        "recording to recording, at the 5 % level over all parameters and pairs of machines.",
+        "Look for wear, lubrication or another load where friction or inertia differs."),
     "records-differ": Code(
         WARNING,
         "In `compare` a parameter differs between two records by more than the noise within them explains, at the "

@@ -13,7 +13,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
-from drivetool.identify.differences import Difference, differences, told
+from drivetool.identify.differences import Difference, between_machines, differences, told
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.fit_percent import fit_percent
@@ -36,11 +36,16 @@ OVERCONFIDENT = "physical"  # fitted to simulate: its std lacks the torque noise
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """structures in the order of the tables; order of polynomial ones, None: 2 n - 1 for n bodies; noise_order."""
+    """What is compared.
+
+    structures  in the order of the tables; order of polynomial ones, None: 2 n - 1 for n bodies; noise_order
+    machines    name -> its recordings, by their place; empty: each recording for itself
+    """
 
     structures: tuple[str, ...] = ("oe", "bj")
     order: int | None = None
     noise_order: int | None = None
+    machines: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
     def __post_init__(self):
         for name in self.structures:
@@ -118,22 +123,32 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
     models = []
     for structure in options.structures:
         for name, e in zip(names, experiments, strict=True):
-            models.append(_model(structure, name, e, drive, options))
+            models.append(model_of(structure, name, e, drive, options, experiments))
     cross = {(m.structure, m.record, name): _checked(m, e) for m in models
              for name, e in zip(names, experiments, strict=True)}
-    apart = [differences(s, {m.record: _all_figures(m) for m in models if m.structure == s})
+    machines = {name: [names[i] for i in places] for name, places in options.machines.items()}
+    apart = [_differences(s, {m.record: figures_in(m) for m in models if m.structure == s}, machines)
              for s in dict.fromkeys(m.structure for m in models) if s != OVERCONFIDENT]
     return Comparison(
         tuple(models), cross, tuple(spread_of(models, names)), tuple(d for each in apart for d in each),
-        _outcome(cross), (*_findings(models, cross), *(f for each in apart for f in told(each))),
+        _outcome(cross), (*_findings(models, cross), *(f for each in apart for f in told(each, bool(machines)))),
         tuple((e.name, e.sha256) for e in experiments), {}, _pictures(models, experiments[0].step))
 
 
-def _model(structure: str, name: str, e: Experiment, drive: Drive, options: CompareOptions) -> Model:
-    """One fit; what goes wrong is an entry of the table, not the end of it."""
+def _differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],
+                 machines: Mapping[str, Sequence[str]]) -> tuple[Difference, ...]:
+    return between_machines(structure, figures, machines) if machines else differences(structure, figures)
+
+
+def model_of(structure: str, name: str, e: Experiment, drive: Drive, options: CompareOptions,
+             together: Sequence[Experiment]) -> Model:
+    """One fit; what goes wrong is an entry of the table, not the end of it.
+
+    together  all that are compared: what one of them shows is free in each
+    """
     try:
         if structure in PHYSICAL:
-            return _physical(structure, name, e, drive)
+            return _physical(structure, name, e, drive, together)
         order = options.order or 2 * len(drive.bodies) - 1
         noise = NOISE_ORDER if options.noise_order is None else options.noise_order
         return _polynomial(structure, name, e, drive, order, noise)
@@ -156,14 +171,14 @@ def _polynomial(structure: str, name: str, e: Experiment, drive: Drive, order: i
                  fit.structure.noise_parameters)
 
 
-def _physical(structure: str, name: str, e: Experiment, drive: Drive) -> Model:
+def _physical(structure: str, name: str, e: Experiment, drive: Drive, together: Sequence[Experiment]) -> Model:
     """The grey box without its hold-out trials: one fit by its criterion."""
     start = drive if not drive.missing() else _started(drive, e)
     parts = [f"{b}.viscous" for b in start.bodies]
     start = with_totals(start, parts)
     # Friction in parts, at each body's own speed: K = 0 then is the output-error model in other words.
     start = start.with_values({p: start.value(p) or 0.0 for p in parts})
-    free = tuple(n for n in start.quantities if n in {*default_free(start, [e]), *parts}
+    free = tuple(n for n in start.quantities if n in {*default_free(start, together), *parts}
                  and not n.startswith("total.visc")
 )
     task = Task(start, free, roles_of([e], start), (e,))
@@ -202,7 +217,7 @@ def spread_of(models: Sequence[Model], records: Sequence[str]) -> list[Spread]:
     """Mean and spread of every figure that all records have."""
     found = []
     for structure in dict.fromkeys(m.structure for m in models):
-        mine = {m.record: _all_figures(m) for m in models if m.structure == structure}
+        mine = {m.record: figures_in(m) for m in models if m.structure == structure}
         for name in dict.fromkeys(n for figures in mine.values() for n in figures):
             entries = [mine.get(r, {}).get(name) for r in records]
             values = np.array([x[0] for x in entries if x is not None and np.isfinite(x[0])])
@@ -216,7 +231,7 @@ def spread_of(models: Sequence[Model], records: Sequence[str]) -> list[Spread]:
     return found
 
 
-def _all_figures(m: Model) -> dict[str, tuple[float, float | None, str]]:
+def figures_in(m: Model) -> dict[str, tuple[float, float | None, str]]:
     """Pairs, then the parameters that the fit tells."""
     lines = {p.name: (p.value, p.std, p.unit) for p in m.lines if p.status == "fitted"}
     return dict(m.figures) | lines

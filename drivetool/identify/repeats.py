@@ -11,9 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2
-from scipy.stats import t as student
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
@@ -23,7 +20,7 @@ from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import fit_ratio
 from drivetool.identify.problem import Point
-from drivetool.identify.results import Z95
+from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from drivetool.identify.search import AT_ONCE
 from drivetool.identify.task import Outcome
 from drivetool.progress import counted
@@ -92,44 +89,6 @@ def repeats_of(told: Sequence[Told], line: np.ndarray | None = None) -> Repeats 
     main = np.argmax(np.abs(line), axis=1)  # of the fit's parameters, the one that is reported
     known = np.sqrt(np.where(np.isfinite(variances[main]), np.diag(line @ scatter @ line.T), np.nan))
     return Repeats(known, line @ within @ line.T, line @ between @ line.T, counts[main], chances[main])
-
-
-def restricted(y: np.ndarray, variance: np.ndarray) -> float:
-    """The variance between groups, by restricted likelihood.
-
-    y         (n,) what each says; variance: (n,) of each by noise of its own
-    """
-    def slope(between: float) -> float:
-        weight = 1.0 / (between + variance)
-        mean = np.sum(weight * y) / np.sum(weight)
-        return float(np.sum(weight**2 * (y - mean) ** 2) - np.sum(weight) + np.sum(weight**2) / np.sum(weight))
-
-    if slope(0.0) <= 0.0:
-        return 0.0
-    high = 4.0 * float(np.var(y, ddof=1))
-    while slope(high) > 0.0:
-        high *= 4.0
-    return float(brentq(slope, 0.0, high))
-
-
-def heterogeneity(y: np.ndarray, variance: np.ndarray) -> float:
-    """Chance that groups which do not differ scatter as much (Cochran 1954)."""
-    weight = 1.0 / variance
-    mean = np.sum(weight * y) / np.sum(weight)
-    return float(chi2.sf(np.sum(weight * (y - mean) ** 2), len(y) - 1))
-
-
-def half_width(std: float, between: float, count: float) -> float:
-    """Of the 95 % interval, of whose standard deviation one part is known from few recordings only.
-
-    std      of everything; between: the part by what varies
-    count    of the recordings
-    source   JCGM 100:2008 (GUM), annex G.4: effective degrees of freedom after Welch and Satterthwaite
-    """
-    if between <= 0.0:
-        return Z95 * std
-    degrees = max(count - 1.0, 1.0) * max(std / between, 1.0) ** 4
-    return float(student.ppf(0.975, degrees)) * std
 
 
 def told_by_each(outcome: Outcome) -> list[Told]:

@@ -22,7 +22,7 @@ def machine_of(seed: int) -> np.ndarray:
     """(4,) inertia, viscous and Coulomb friction, idle torque of a servo: a tenth to ten times the usual."""
     rng = np.random.default_rng([seed, 7])
     size = 10.0 ** rng.uniform(-1.0, 1.0)
-    return size * np.array([2e-4, 7e-5, 0.012, 0.004]) * 10.0 ** rng.uniform(-0.15, 0.15, 4)
+    return size * np.array([2e-4, 2e-4, 0.012, 0.004]) * 10.0 ** rng.uniform(-0.15, 0.15, 4)
 
 
 def start_of(values: np.ndarray) -> Drive:
@@ -46,6 +46,6 @@ def day_of(values: np.ndarray, seed: int, name: str) -> Experiment:
     torque = unit * alternating(0.0, (0.02, 0.045), (0.3, 0.6), 20, 0.3, STEP, seed)[:n]
     torque = np.resize(torque, n) + values[3]
     run = simulate_fast(Machine(*((v,) for v in values)), torque, STEP,
-                        torque_noise=white_noise(n, 4e-4 * unit, 3 * seed + 1),
+                        torque_noise=white_noise(n, 2e-4 * unit, 3 * seed + 1),
                         sensor_noise=white_noise(n, 0.05, 3 * seed + 2))
     return replace(experiment(run.command, run.measured, name, STEP), sha256=f"{name}-{seed}".ljust(64, "0"))

@@ -7,10 +7,11 @@ import pytest
 
 from drivetool.drive.chain import one_body
 from drivetool.identify.compare import CompareOptions, compare
-from drivetool.identify.differences import LEVEL, differences, holm
+from drivetool.identify.differences import LEVEL, between_machines, differences, holm
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.setup import reverses
+from tests.identify.test_by_record import record
 from tests.recover import experiment
 from tests.simulator.experiments import alternating
 from tests.simulator.fast import simulate_fast
@@ -88,3 +89,68 @@ def test_a_reversal_across_records_counts(criterion):
         assert lines[name].status == "fitted" and abs(lines[name].value - true) < 4.0 * lines[name].std < 0.2 * true
     alone = {p.name for p in greybox(records[:1], start, Options(criterion=criterion)).parameters}
     assert "motor.coulomb" not in alone
+
+
+def group(rng, prefix, count, mean, scatter, std):
+    """Recordings of a machine: name -> figures."""
+    return {f"{prefix}{i}": {f"p{j}": (mean[j] + rng.normal(0.0, np.hypot(scatter, std)), std, "")
+                             for j in range(len(mean))} for i in range(count)}
+
+
+@pytest.mark.parametrize("count, std", [(10, 0.1), (10, 1.5), (3, 0.5), (2, 0.5)])
+def test_equal_machines_are_hardly_ever_told_apart(count, std):
+    """Whatever part of what varies is noise, and however few recordings there are."""
+    rng, alarms, sets = np.random.default_rng([count, int(10 * std)]), 0, 500
+    for _ in range(sets):
+        figures = group(rng, "a", count, np.zeros(4), 1.5, std) | group(rng, "b", count, np.zeros(4), 1.5, std)
+        found = between_machines("oe", figures, {m: [r for r in figures if r[0] == m] for m in "ab"})
+        assert len(found) == 4
+        alarms += any(d.differs for d in found)
+    assert alarms <= 0.08 * sets  # 5 % and three standard deviations
+
+
+def test_machines_that_differ_are_told():
+    rng, right, sets = np.random.default_rng(6), 0, 200
+    for _ in range(sets):
+        figures = group(rng, "a", 10, np.zeros(4), 1.5, 0.2)
+        figures |= group(rng, "b", 10, np.array([0, 3.0, 0, 0]), 1.5, 0.2)
+        found = between_machines("oe", figures, {m: [r for r in figures if r[0] == m] for m in "ab"})
+        right += {d.name for d in found if d.differs} == {"p1"}
+    assert right >= 0.84 * sets  # 0.92 by the noncentral t, and four standard deviations
+
+
+def test_records_differ_where_machines_do_not():
+    """Two days of one machine: the noise within the recordings does not explain it, the days do."""
+    rng = np.random.default_rng(8)
+    figures = group(rng, "a", 5, np.zeros(2), 1.5, 0.05) | group(rng, "b", 5, np.zeros(2), 1.5, 0.05)
+    machines = {m: [r for r in figures if r[0] == m] for m in "ab"}
+    assert any(d.differs for d in differences("oe", figures))
+    assert not any(d.differs for d in between_machines("oe", figures, machines))
+
+
+def test_a_figure_that_one_recording_tells_is_not_compared():
+    rng = np.random.default_rng(9)
+    figures = group(rng, "a", 3, np.zeros(2), 1.0, 0.1) | group(rng, "b", 3, np.zeros(2), 1.0, 0.1)
+    for name in ("b0", "b1"):
+        figures[name]["p0"] = (0.0, None, "")
+    found = between_machines("oe", figures, {m: [r for r in figures if r[0] == m] for m in "ab"})
+    assert {d.name for d in found} == {"p1"}
+
+
+def test_what_differs_is_said_of_machines():
+    worn = replace(SERVO, coulomb=(0.016,))
+    days = [servo(s, name=f"a{s}") for s in (1, 11, 21)] + [servo(s, worn, f"b{s}") for s in (31, 41, 51)]
+    start = one_body().with_values({"motor.inertia": 3e-4})
+    found = compare(days, start, CompareOptions(("physical-innovations",),
+                                                machines={"A": (0, 1, 2), "B": (3, 4, 5)}))
+    assert {d.name for d in found.differences if d.differs} == {"motor.coulomb"}
+    assert {(d.first, d.second) for d in found.differences} == {("A", "B")}
+    said = [f.code for f in found.findings]
+    assert "machines-differ" in said and "records-differ" not in said
+
+
+def test_friction_that_another_record_shows_is_free_in_all():
+    """A record that hardly turns back: without dry friction its inertia would be twice as large, and sure of it."""
+    found = compared(*(record("x", seed, 3.0, coulomb=0.42) for seed in (45, 55, 65)))
+    inertia = next(s for s in found.spread if s.name == "motor.inertia")
+    assert inertia.values == pytest.approx([0.02] * 3, rel=0.01)

@@ -9,16 +9,9 @@ from drivetool.drive.chain import one_body
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.identify.repeats import (
-    Repeats,
-    Told,
-    half_width,
-    heterogeneity,
-    repeats_of,
-    restricted,
-    with_scatter,
-)
+from drivetool.identify.repeats import Repeats, Told, repeats_of, with_scatter
 from drivetool.identify.results import Z95
+from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 
 

@@ -1,0 +1,57 @@
+"""compare --machine: which recordings are of one machine, and whether the machines differ."""
+
+import pytest
+import yaml
+
+from drivetool.cli.compare import machines_of
+from drivetool.errors import BadOption
+from tests.cli.test_inverse import logged
+from tests.identify.test_by_record import record
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    for name, coulomb in (("one", 0.3), ("two", 0.42)):
+        (folder / name).mkdir()
+        for i in range(3):
+            made = record("x", 10 * i + len(name) + int(100 * coulomb), coulomb=coulomb * (1.0 + 0.002 * i))
+            logged(folder / name, f"{i}.parquet", made)
+    return folder
+
+
+def test_machines_in_folders_are_told_apart(call, site, tmp_path):
+    logs = sorted(site.glob("*/*.parquet"))
+    code, out, err = call("compare", *logs, "--drive", "one-body", "--set", "motor.inertia=0.03",
+                          "--structure", "physical-innovations", "--machine", "A=*/one/*", "--machine", "B=*/two/*",
+                          "--out", tmp_path / "compare.yaml")
+    assert code == 0, err
+    file = yaml.safe_load((tmp_path / "compare.yaml").read_text())
+    differ = [d for d in file["differences"] if d["differs"]]
+    assert [(d["name"], d["first"], d["second"]) for d in differ] == [("motor.coulomb", "A", "B")]
+    assert file["options"]["machines"] == {
+        name: [f"{i}.parquet" for i in range(3)] for name in "AB"}
+    assert "machines-differ" in err
+    code, out, _ = call("show", tmp_path / "compare.yaml")
+    assert code == 0 and "between machines" in out
+
+
+def test_records_for_themselves_say_that_a_day_is_no_machine(call, site, tmp_path):
+    logs = sorted((site / "one").glob("*.parquet"))
+    code, _, err = call("compare", *logs, "--drive", "one-body", "--set", "motor.inertia=0.03",
+                        "--structure", "physical-innovations", "--out", tmp_path / "compare.yaml")
+    assert code == 0, err
+    _, out, _ = call("show", tmp_path / "compare.yaml")
+    assert "cannot tell another machine from another day" in out
+
+
+@pytest.mark.parametrize("words, said", [
+    (["A"], "NAME=PATTERN"), (["A=x/*"], "two machines"),
+    (["A=x/*", "B=y/1"], "at least 2 recordings of machine B"),
+    (["A=x/*", "A=y/*"], "'A' twice"), (["A=x/*", "B=*/1"], "in several"), (["A=z*", "B=y/*"], "0 for 'z*'")])
+def test_what_is_wrong_is_said(words, said):
+    logs = ["x/1", "x/2", "y/1", "y/2"]
+    assert machines_of(["A=x/*", "B=y/*"], logs) == {"A": (0, 1), "B": (2, 3)}
+    with pytest.raises(BadOption) as error:
+        machines_of(words, logs)
+    assert said in str(error.value)
