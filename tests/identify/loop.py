@@ -62,10 +62,11 @@ MACHINES = (
 
 
 def loop_record(axis: Axis, seed: int, disturbance: float = 0.0, log_noise: float = 0.0,
-                seconds: float = SECONDS) -> Experiment:
+                seconds: float = SECONDS, law: int = kernel.PLAIN, strength: tuple[float, ...] = ()) -> Experiment:
     """A record of random moves from point to point.
 
     disturbance, log_noise  root mean square over rated torque: behind the logged torque, and of the log alone
+    law, strength           what else brakes the motor, with its numbers, see `kernel`
     """
     rng, n = np.random.default_rng([seed, 40503]), int(seconds / axis.step)
     speeds = _moves(axis, n, rng)
@@ -76,7 +77,8 @@ def loop_record(axis: Axis, seed: int, disturbance: float = 0.0, log_noise: floa
     torque_noise = np.sqrt(0.5) * (rng.standard_normal(n) + memory_noise(rng, n, axis.step, MEMORY))
     torque, angle, _ = kernel.run(
         axis.step, 4, np.zeros(kernel.STATES), kernel.POSITION, np.zeros(n), speeds, angles, controller,
-        kernel.PLAIN, np.array(axis.values), np.zeros(8), disturbance * axis.rated * torque_noise,
+        law, np.array(axis.values), np.resize([*strength, *np.zeros(8)], 8),
+        disturbance * axis.rated * torque_noise,
         axis.noise * rng.standard_normal(n), axis.quantum, True)
     made = Experiment("loop", "0" * 64, axis.step, 0.0, {
         "motor_torque": torque + log_noise * axis.rated * rng.standard_normal(n), "motor_angle": angle,

@@ -18,7 +18,7 @@ from drivetool.identify.explanations.candidates import Candidate, Field, candida
 from drivetool.identify.explanations.held_out import held_out_errors
 from drivetool.identify.explanations.influence import SLACK, sandwich
 from drivetool.identify.explanations.judge import run_length
-from drivetool.identify.explanations.laws import UNFELT
+from drivetool.identify.explanations.laws import UNFELT, WEIGHTY, model_error, weighty
 from drivetool.identify.explanations.own_parameters import within_bounds
 from drivetool.identify.innovations import Fit
 from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
@@ -54,7 +54,6 @@ LEFT = {"coloured": "what is left is taken as torque noise with a memory",
 # Structure over noise: of right models 17 % have more in some parameter (of 24), of those that lack a law not found
 # 44 % (of 18); at one the shares are 75 and 78 %.
 DOUBTED = 3.0
-WEIGHTY = 0.01  # of the torque a law, of its value a disagreement: less is not spoken of
 LIKELIER = 10.0  # log likelihood
 
 
@@ -331,21 +330,13 @@ def _findings(c: Candidate, likelier: bool, laws: Sequence[FoundLaw], noise: np.
 
     likelier  whether coloured noise is likelier than the candidate that was chosen
     """
-    torque = np.concatenate([e.signals["motor_torque"][a:b] for e in task.experiments for a, b in e.segments])
-    size = float(np.sqrt(np.mean(torque**2)))
-    heavy = {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
-             if np.linalg.norm(law.factors) > WEIGHTY * size}
+    heavy = weighty(laws, task.experiments)
     unfelt = _unfelt(laws, task) if heavy.pop(UNFELT, 0.0) else ()
     values = np.abs(c.own)
     doubted = np.any(structure > np.maximum(DOUBTED * noise, WEIGHTY * values))
     if not (heavy or likelier or doubted):
         return unfelt
-    guess = max(heavy, key=heavy.__getitem__) if heavy else None
-    text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
-    return (*unfelt, Finding(
-        "warning", "model-error", f"{text}; a noise model would hide it.",
-        {f"share of the torque: {n}": s for n, s in heavy.items()},
-        "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in."),)
+    return (*unfelt, model_error(heavy))
 
 
 def _unfelt(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding, ...]:

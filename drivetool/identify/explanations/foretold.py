@@ -53,8 +53,17 @@ def foretold(task: Task, point: Point, noise: Noise, laws: Sequence[Law],
     most                 that may be taken
     """
     sums, count = _sums(task, point, noise, laws), task.problem().count
-    chosen, base = [], np.arange(len(task.free))
-    least = ACROSS_GAP if has_gap(task) else GAIN
+    return foretelling(sums, count, len(task.free), laws, ACROSS_GAP if has_gap(task) else GAIN, most)
+
+
+def foretelling(sums: np.ndarray, count: int, fitted: int, laws: Sequence[Law], least: float = GAIN,
+                most: int = MOST) -> tuple[list[Law], np.ndarray]:
+    """(the laws that foretell blocks to which they were not fitted, the best first; their factors).
+
+    sums    (FOLDS, p + 1, p + 1) of products of [fitted parameters, law columns, error], of `count` values
+    fitted  number of the parameters; least: log likelihood that a law must gain
+    """
+    chosen, base = [], np.arange(fitted)
     places, k = [], len(base)
     for law in laws:
         places.append(np.arange(k, k + law.size))

@@ -5,20 +5,25 @@ A law is a nuisance here, not a parameter of the drive: `diagnose` finds and nam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from drivetool.errors import Finding
+from drivetool.identify.estimate import FoundLaw
 from drivetool.identify.inverse_dynamics.motion import Motion, Motions
+from drivetool.logs.experiment import Experiment
 
+PEAK = "Stribeck friction"  # as these laws begin
 WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
 BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
 PLACES = 64  # of a period
 # Share of its power that a wave over the angle may have as a constant: what hardly turns has the inertia and idle
 # torque of the drive in it, measured noise and all, and no period to be told by.
 CONSTANT = 0.5
+WEIGHTY = 0.01  # of the torque a law, of its value a disagreement: less is not spoken of
 HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
 
 
@@ -90,7 +95,7 @@ def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") ->
         law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
     law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
     for w in WIDTHS:
-        law(f"Stribeck friction below {w:g} of the top speed",
+        law(f"{PEAK} below {w:g} of the top speed",
             lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
     law("the torque drifts", lambda m, v, t: [t])
     orders = [k for k in (1, 2, *HARMONICS) if turns and np.sum(_mean_over_angles(motions, k) ** 2) < CONSTANT]
@@ -121,3 +126,24 @@ def _mean_over_angles(motions: Sequence[Motion], order: int) -> np.ndarray:
     place = np.unique(np.floor(np.mod(phase[np.isfinite(phase)], 1.0) * PLACES))
     middle = 2.0 * np.pi * (place + 0.5) / PLACES
     return np.array([np.cos(middle).mean(), np.sin(middle).mean()])
+
+
+def weighty(laws: Sequence[FoundLaw], experiments: Sequence[Experiment]) -> dict[str, float]:
+    """The laws that are much of the motor's torque, each with its share of that."""
+    torque = np.concatenate([e.signals["motor_torque"][a:b] for e in experiments for a, b in e.segments])
+    size = float(np.sqrt(np.mean(torque**2)))
+    return {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
+            if np.linalg.norm(law.factors) > WEIGHTY * size}
+
+
+def model_error(heavy: Mapping[str, float], guess: str | None = None) -> Finding:
+    """What is said of a drive that lacks something.
+
+    heavy  laws with their shares of the torque; guess: the one that it is, None: the largest
+    """
+    guess = guess or (max(heavy, key=heavy.__getitem__) if heavy else None)
+    text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
+    return Finding(
+        "warning", "model-error", f"{text}; a noise model would hide it.",
+        {f"share of the torque: {n}": s for n, s in heavy.items()},
+        "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in.")

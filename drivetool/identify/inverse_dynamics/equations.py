@@ -76,13 +76,13 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
     inputs    role -> (n,) other torques
     source    Gautier, Janot and Vandanjon 2013: zero-phase filters, the same on both sides of the equation
     """
-    cutoff, is_angle = seen.smoothing.cutoff, seen.lag > 0
+    is_angle = seen.lag > 0
     a = asked(drive, free, motion, e.step, inputs)
     rest = a.rest if more is None else Part(a.rest.value + more.value, a.rest.slopes + more.slopes)
 
     def low(values: np.ndarray) -> np.ndarray:
         # Acceleration and speed come from a motion that is smooth already; nothing else does.
-        return weighed(low_pass(values, e.segments, cutoff, ORDER))
+        return smoothed(values, e, seen)
 
     def weighed(values: np.ndarray) -> np.ndarray:
         # A second difference of the angle weighs three torques so.
@@ -95,10 +95,16 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
         one + weighed(two) + low(three) for one, two, three in zip(
             a.accelerating.slopes.T, a.sliding.slopes.T, rest.slopes.T, strict=True))])
     used = np.isfinite(torque + value) & np.isfinite(slopes).all(axis=1) & (share < STANDING)
-    edge = int(1.0 / cutoff) + 1
+    edge = int(1.0 / seen.smoothing.cutoff) + 1
     for first, last in e.segments:  # the filter's own transient
         used[first:first + edge] = used[max(last - edge, first):last] = False
     return Equations(torque, torque - value, slopes, used)
+
+
+def smoothed(values: np.ndarray, e: Experiment, seen: Motions) -> np.ndarray:
+    """(n,) torques as the equations have them."""
+    found = low_pass(values, e.segments, seen.smoothing.cutoff, ORDER)
+    return _weighed(found) if seen.lag > 0 else found
 
 
 def stands(slow: np.ndarray) -> np.ndarray:

@@ -12,16 +12,25 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, FoundLaw, Parameter
 from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.explanations.laws import model_error, weighty
 from drivetool.identify.feedback import feedback_in
 from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
 from drivetool.identify.inverse_dynamics.equations import TorqueFit, torque_fit, torque_picture
 from drivetool.identify.inverse_dynamics.instruments import reference_of
+from drivetool.identify.inverse_dynamics.lacking import own_of, solved_with_laws, with_laws
 from drivetool.identify.inverse_dynamics.linear import beyond_stationary, change_of, influence_of, inverse_of
 from drivetool.identify.inverse_dynamics.linear import covariance_of as covariance_of_rows
 from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
-from drivetool.identify.inverse_dynamics.regression import Solved, recorded, solved, strength, with_instruments
+from drivetool.identify.inverse_dynamics.regression import (
+    Inverse,
+    Solved,
+    recorded,
+    solved,
+    strength,
+    with_instruments,
+)
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
@@ -73,22 +82,25 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
         if (first_stage := strength(record)) < WEAK:
             findings.append(_weak(reference, first_stage))
             record, reference = first, None
-    fit = solved(record)
-    structure = _structure(fit, sensor, reference)
-    total = fit.covariance + _held(fit, options.known) + np.outer(structure, structure) * np.eye(len(structure))
-    lines, covariance, more = _lines(fit, drive, total, structure)
-    repeats = repeats_of(told_by_each(fit))
-    lines, covariance, varies = with_scatter(lines, covariance, fit.at.free, repeats, fit.at.drive)
+    fit = solved_with_laws(record)
+    line, own = own_of(fit)
+    alone, laws = fit.at.alone(own), _laws(fit)
+    structure = _structure(fit, line, sensor, reference)
+    lines, covariance, more = _lines(fit, drive, alone.drive, line, _held(fit, options.known), structure)
+    repeats = repeats_of(told_by_each(fit), line)
+    lines, covariance, varies = with_scatter(lines, covariance, alone.own, repeats, alone.drive)
     more = (*more, *varies)
-    f, figures, exhibits = _torque_figures(fit)
-    findings += [*more, *(() if reference else _of_feedback(experiments, sensor))]
+    f, figures, exhibits = _torque_figures(fit, alone)
+    heavy = weighty(laws, experiments)
+    findings += [*more, *([model_error(heavy, next(iter(heavy)))] if heavy else []),
+                 *(() if reference else _of_feedback(experiments, sensor))]
     if f.over_sd > NOTHING:
         findings.append(_nothing(f.over_sd))
         lines, covariance = tuple(_without(p) for p in lines), None
     return Estimate(
-        "greybox", fit.at.drive, lines, _outcome(fit, reference), figures, covariance, {},
+        "greybox", alone.drive, lines, _outcome(fit, reference), figures, covariance, {},
         {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
-        tuple((e.name, e.sha256) for e in experiments), {}, exhibits)
+        tuple((e.name, e.sha256) for e in experiments), {}, exhibits, None, _sentence(laws), laws)
 
 
 def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
@@ -102,25 +114,44 @@ def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
                         "Leave --start out, or take --criterion auto.")
 
 
-def _structure(fit: Solved, sensor: str, reference: str | None) -> np.ndarray:
+def _laws(fit: Solved) -> tuple[FoundLaw, ...]:
+    """The laws that were taken out, with their factors."""
+    found, k, std = [], len(fit.at.own), np.sqrt(np.diag(fit.covariance))
+    for law in fit.at.laws[0]:
+        part = slice(k, k + law.size)
+        found.append(FoundLaw(law.name, tuple(fit.values[part].tolist()), tuple(std[part].tolist())))
+        k += law.size
+    return tuple(found)
+
+
+def _sentence(laws: Sequence[FoundLaw]) -> str:
+    """What was taken out, in words."""
+    if not laws:
+        return ""
+    return f"{len(laws)} law{'s' if len(laws) > 1 else ''} that the motion foretells taken out of the torque."
+
+
+def _structure(fit: Solved, line: np.ndarray, sensor: str, reference: str | None) -> np.ndarray:
     """(k,) standard deviations by what stationary noise of the torque does not explain.
 
     Blocks of the record that disagree, another band that does, and what the torque's noise may have moved, unless
     instruments have cured that.
     """
     r = fit.at
-    other = recorded(r.experiments, r.drive, r.free, sensor, r.inputs, NARROWER)
+    other = recorded(r.experiments, r.alone(fit.values[:len(r.own)]).drive, r.own, sensor, r.inputs, NARROWER)
     other = replace(other, lead=r.lead)
     if reference:
         other = with_instruments(other, sensor, reference)
-    narrow = solved(other)
-    off = np.abs(fit.values - narrow.values)
-    by_noise = np.sqrt(np.diag(sandwich(fit.influence - narrow.influence))) / SLACK
+    narrow = solved(with_laws(other, [law.name for law in r.laws[0]]))
+    other_line, _ = own_of(narrow)
+    influence, other_influence = fit.influence @ line.T, narrow.influence @ other_line.T
+    off = np.abs(line @ fit.values - other_line @ narrow.values)
+    by_noise = np.sqrt(np.diag(sandwich(influence - other_influence))) / SLACK
     by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
     # Through gaps and friction noise of the motion comes no more in proportion, and instruments do not cure it.
     cured = reference is not None and not r.drive.shafts
-    by_motion = np.zeros(len(off)) if cured else _moved_by_noise(fit) / Z95
-    return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(fit.influence, fit.covariance) ** 2)
+    by_motion = np.zeros(len(off)) if cured else np.abs(line) @ _moved_by_noise(fit) / Z95
+    return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(influence, line @ fit.covariance @ line.T) ** 2)
 
 
 def told_by_each(fit: Solved) -> list[Told]:
@@ -166,10 +197,14 @@ def _held(fit: Solved, known: Covariance | None) -> np.ndarray:
     return gain @ known.matrix[np.ix_(index, index)] @ gain.T
 
 
-def _lines(fit: Solved, drive: Drive, total: np.ndarray,
+def _lines(fit: Solved, before: Drive, after: Drive, line: np.ndarray, held: np.ndarray,
            structure: np.ndarray) -> tuple[tuple[Parameter, ...], Covariance | None, tuple[Finding, ...]]:
-    """The lines of the table, with both parts of their std."""
-    names, k = fit.at.free, len(fit.at.free)
+    """The lines of the table, with both parts of their std.
+
+    held  (n, n) what the uncertainty of held values adds; structure: (k,) standard deviations
+    """
+    names, own, k = fit.at.free, fit.at.own, len(fit.at.free)
+    drive = replace(before, known_torques=fit.at.drive.known_torques)
     x, z, r = (np.concatenate([getattr(q, n) for q in fit.rows]) for n in ("slopes", "instruments", "residual"))
     # By what the instruments see of the slopes; without instruments those themselves.
     seen = z @ np.linalg.lstsq(z, x, rcond=1e-12)[0] if k else x
@@ -178,24 +213,42 @@ def _lines(fit: Solved, drive: Drive, total: np.ndarray,
     normal = Normal(seen.T @ seen, (), (), -seen.T @ r, (), float(r @ r))
     solution = Solution(Point(fit.values, ()), normal, fit.steps, fit.converged)
     plain, inside = covariance_of(problem, solution)[0], fit.inverse.any(axis=1)
-    extra = np.where(inside[:, None] & inside & np.isfinite(plain), total - plain, 0.0)
-    lines, covariance, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
-    parts = {n: (float(np.sqrt(max(total[j, j] - structure[j] ** 2, 0.0))), float(structure[j]))
-             for j, n in enumerate(names)}
-    lines = tuple(replace(p, std_noise=parts[p.name][0], std_structure=parts[p.name][1])
-                  if p.status == "fitted" and p.name in parts else p for p in lines)
-    return lines, covariance, findings
+    noise, parts = fit.covariance + held, np.zeros((k, k))
+    parts[range(len(own)), range(len(own))] = structure**2
+    extra = np.where(inside[:, None] & inside & np.isfinite(plain), noise + parts - plain, 0.0)
+    lines, _, findings = parameters_of(problem, solution, drive, fit.at.drive, extra)
+    noise, found, kept = line @ noise @ line.T, [], []
+    for p in lines:
+        if p.name in drive.known_torques:
+            continue
+        if p.status == "fitted" and p.name in own:
+            j, value = own.index(p.name), after.values[p.name]
+            std = float(np.hypot(np.sqrt(max(noise[j, j], 0.0)), structure[j]))
+            lowest, highest = after.quantity(p.name).bounds
+            p = replace(p, value=value, std=std, std_noise=float(np.sqrt(max(noise[j, j], 0.0))),
+                        std_structure=float(structure[j]),
+                        ci95=(max(value - Z95 * std, lowest), min(value + Z95 * std, highest)))
+            kept.append(j)
+        found.append(replace(p, value=after.values.get(p.name, p.value)))
+    matrix = (noise + np.diag(structure**2))[np.ix_(kept, kept)]
+    covariance = Covariance(tuple(own[j] for j in kept), matrix) if kept else None
+    return tuple(found), covariance, tuple(f for f in findings if not any(n in f.text for n in drive.known_torques))
 
 
-def _torque_figures(fit: Solved) -> tuple[TorqueFit, dict[str, float | int | None], tuple[Exhibit, ...]]:
-    """How well the motion asks for the torque, over what the filter lets pass, and its picture."""
-    found, e = fit.at.with_motion(), fit.at.experiments[0]
-    f = torque_fit(found)
+def _torque_figures(fit: Solved, alone: Inverse,
+                    ) -> tuple[TorqueFit, dict[str, float | int | None], tuple[Exhibit, ...]]:
+    """How well the motion asks for the torque, over what the filter lets pass, and its picture.
+
+    alone  the drive without laws
+    """
+    found, e = alone.with_motion(), fit.at.experiments[0]
+    f, best = torque_fit(found), torque_fit(fit.at.with_motion())
     figures: dict[str, float | int | None] = {
         "torque_fit_percent": f.fit_percent, "torque_rmse": f.rmse,
         "torque_rmse_over_rms_percent": 100.0 * f.over_rms, "torque_rmse_over_sd": f.over_sd,
+        **({"torque_fit_percent_with_laws": best.fit_percent} if fit.at.laws[0] else {}),
         "band_hz": fit.at.seen.smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": f.n}
-    return f, figures, tuple(torque_picture(e, q, f"{e.name}: torque that the motion asks for")
+    return best, figures, tuple(torque_picture(e, q, f"{e.name}: torque that the motion asks for")
                              for e, q in zip(fit.at.experiments, found, strict=True))
 
 

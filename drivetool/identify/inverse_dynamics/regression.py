@@ -10,6 +10,7 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import NotEnoughData
 from drivetool.identify.by_record import as_recorded
+from drivetool.identify.explanations.laws import Law
 from drivetool.identify.inverse_dynamics.asked import first_body
 from drivetool.identify.inverse_dynamics.behind import begins, behind
 from drivetool.identify.inverse_dynamics.equations import Equations, equations, stands
@@ -45,6 +46,8 @@ class Inverse:
     foreseen   what the reference foretells of it, per recording; None: there is no reference
     fitted     numbers that were fitted to foresee it
     lead       per recording (n,) whether the state in which a chain began still shows; empty: nowhere
+    laws       torques on the motor's body over the measured motion, and over the foreseen one; the last names of
+               `free` are their factors
     """
 
     drive: Drive
@@ -55,6 +58,12 @@ class Inverse:
     foreseen: tuple[Motion, ...] | None = None
     fitted: int = 0
     lead: tuple[np.ndarray, ...] = ()
+    laws: tuple[tuple[Law, ...], tuple[Law, ...]] = ((), ())
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """The free parameters of the drive itself."""
+        return tuple(n for n in self.free if n not in self.drive.known_torques)
 
     @property
     def kept(self) -> int:
@@ -67,14 +76,17 @@ class Inverse:
         quiet = [stands(m.slow) for m in self.seen.each]
         if self.foreseen:  # a body may stand where its reference moves
             quiet = [q | stands(m.slow) for q, m in zip(quiet, self.foreseen, strict=True)]
-        return [self._equations(i, m, q) for i, (m, q) in enumerate(zip(motions, quiet, strict=True))]
+        laws = self.laws[1 if foreseen and self.foreseen else 0]
+        return [self._equations(i, m, q, laws) for i, (m, q) in enumerate(zip(motions, quiet, strict=True))]
 
-    def _equations(self, i: int, motion: Motion, standing: np.ndarray) -> Equations:
+    def _equations(self, i: int, motion: Motion, standing: np.ndarray, laws: Sequence[Law]) -> Equations:
         e, more = self.experiments[i], None
         drive, free = as_recorded(self.drive, self.free, e.number)
         torques = {role: e.signals[role] for role in self.inputs}
         if drive.shafts:
             more, torques = behind(drive, free, e, motion, torques), {}
+        columns = np.column_stack([np.empty((e.size, 0)), *(law.columns[i] for law in laws)])
+        torques |= dict(zip(drive.known_torques, np.nan_to_num(columns).T, strict=True))
         found = equations(e, first_body(drive), free, self.seen, motion, standing, torques, more)
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
 
@@ -114,6 +126,12 @@ class Inverse:
     def at(self, values: np.ndarray) -> Inverse:
         """The same with other values of the free parameters."""
         return replace(self, drive=replaced(self.drive, self.free, values))
+
+    def alone(self, values: np.ndarray) -> Inverse:
+        """The same of the drive without laws, with values of its own free parameters."""
+        own = {n: v for n, v in self.drive.values.items() if n not in self.drive.known_torques}
+        drive = replaced(replace(self.drive, values=own, known_torques=()), self.own, values)
+        return replace(self, drive=drive, free=self.own, laws=((), ()))
 
 
 @dataclass(frozen=True)
