@@ -235,8 +235,8 @@ CODES = {
         "Lower `--order`, or leave it out to choose it by cross-validation."),
     "machines-differ": Code(
         WARNING,
-        "In `compare` with `--machine` a parameter differs between two machines by more than each varies. The level "
-        "is 5 % over all parameters and pairs of machines.",
+        "In `compare` with `--machine` a parameter differs between two machines by more than each varies. The "
+        "level is 5 % over all parameters and pairs of machines.",
         "Look for wear, lubrication or another load where friction or inertia differs."),
     "records-differ": Code(
         WARNING,

@@ -99,8 +99,8 @@ def told_by_each(outcome: Outcome) -> list[Told]:
     parts = [_of_record(outcome, number) for number in numbers]
     with ThreadPoolExecutor(AT_ONCE) as pool:
         alone = list(counted("recordings", pool.map(_alone, parts), len(parts)))
-    joint, own = [scores_of(p) for p in parts], [scores_of(p) for p in alone]
-    if any(s is None for s in (*joint, *own)):
+    joint, own = ([s for p in each if (s := scores_of(p)) is not None] for each in (parts, alone))
+    if min(len(joint), len(own)) < len(parts):
         return []
     whole = replace(joint[0], matrix=sum(s.matrix for s in joint)).inverse
     return [told(a.solution.point.values - outcome.solution.point.values, j.matrix, whole, s.inverse,
