@@ -20,6 +20,7 @@ from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import fit_ratio
 from drivetool.identify.problem import Point
+from drivetool.identify.results import COLLINEAR
 from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from drivetool.identify.search import AT_ONCE
 from drivetool.identify.task import Outcome
@@ -36,13 +37,15 @@ class Told:
 
     change  (k,) by which it would move them
     share   (k, k) of such a change in the estimate of all
-    noise   (k, k) covariance of the change by the noise within the recording
+    noise   (k,) variance of the change by the noise within the recording
+    within  (k, k) what that noise adds to the covariance of the estimate of all
     tells   (k,) whether it tells a parameter by itself
     """
 
     change: np.ndarray
     share: np.ndarray
     noise: np.ndarray
+    within: np.ndarray
     tells: np.ndarray
 
 
@@ -66,29 +69,28 @@ class Repeats:
 def repeats_of(told: Sequence[Told], line: np.ndarray | None = None) -> Repeats | None:
     """The scatter between recordings; None with fewer than two of them.
 
-    line    (k, n) from the n parameters of the fit to the k that are reported; None: they are the same
+    line    (k, n) from the n parameters of the fit to the k that are reported, the first of them; None: all
     source  Patterson and Thompson 1971, restricted likelihood
     """
     if len(told) < 2:
         return None
-    changes, noise = (np.array(v) for v in zip(*((t.change, np.diag(t.noise)) for t in told), strict=True))
-    tells = np.array([t.tells for t in told]) & np.isfinite(noise) & (noise > 0.0)
+    changes, noise = (np.array(v) for v in zip(*((t.change, t.noise) for t in told), strict=True))
+    known = np.array([t.tells for t in told]) & np.isfinite(noise) & (noise > 0.0)
     n = changes.shape[1]
     variances, counts, chances = np.full(n, np.nan), np.zeros(n), np.ones(n)
     for j in range(n):
-        some = tells[:, j]
+        some = known[:, j]
         if np.count_nonzero(some) > 1:
             y, s2 = changes[some, j], noise[some, j]
             variances[j] = restricted(y, s2)
             weight = 1.0 / (variances[j] + s2)
             counts[j], chances[j] = weight.sum() ** 2 / np.sum(weight**2), heterogeneity(y, s2)
     scatter = np.diag(np.where(np.isfinite(variances), variances, 0.0))
-    within, between = (sum(t.share @ m @ t.share.T for t, m in zip(told, each, strict=True)) for each in (
-        [np.where(np.isfinite(t.noise), t.noise, 0.0) for t in told], [scatter] * len(told)))
+    within, between = sum(t.within for t in told), sum(t.share @ scatter @ t.share.T for t in told)
     line = np.eye(n) if line is None else line
-    main = np.argmax(np.abs(line), axis=1)  # of the fit's parameters, the one that is reported
-    known = np.sqrt(np.where(np.isfinite(variances[main]), np.diag(line @ scatter @ line.T), np.nan))
-    return Repeats(known, line @ within @ line.T, line @ between @ line.T, counts[main], chances[main])
+    k = len(line)
+    own = np.sqrt(np.where(np.isfinite(variances[:k]), np.diag(line @ scatter @ line.T), np.nan))
+    return Repeats(own, line @ within @ line.T, line @ between @ line.T, counts[:k], chances[:k])
 
 
 def told_by_each(outcome: Outcome) -> list[Told]:
@@ -103,9 +105,13 @@ def told_by_each(outcome: Outcome) -> list[Told]:
     if min(len(joint), len(own)) < len(parts):
         return []
     whole = replace(joint[0], matrix=sum(s.matrix for s in joint)).inverse
-    return [told(a.solution.point.values - outcome.solution.point.values, j.matrix, whole, s.inverse,
-                 larger(s.variance * s.inverse, sandwich(-s.slopes @ s.inverse)), s.matrix)
-            for a, j, s in zip(alone, joint, own, strict=True)]
+    found = []
+    for a, j, s in zip(alone, joint, own, strict=True):
+        inverse = s.inverse
+        noise = larger(s.variance * inverse, sandwich(-s.slopes @ inverse))
+        share, change = whole @ j.matrix, a.solution.point.values - outcome.solution.point.values
+        found.append(Told(change, share, np.diag(noise), share @ noise @ share.T, tells(s.matrix, inverse)))
+    return found
 
 
 def _of_record(outcome: Outcome, number: int) -> Outcome:
@@ -128,15 +134,13 @@ def _alone(part: Outcome) -> Outcome:
     return replace(part, solution=fit.solution, fit=fit)
 
 
-def told(change: np.ndarray, matrix: np.ndarray, whole: np.ndarray, inverse: np.ndarray, noise: np.ndarray,
-         own: np.ndarray | None = None) -> Told:
-    """What one recording says.
+def tells(matrix: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """(k,) whether a recording tells a parameter by itself, and not by its noise alone apart from the others.
 
-    matrix   (k, k) from a change to what all recordings see of it; whole: back
-    own      (k, k) from a change to what the recording sees by itself, None: the same; inverse: back
+    matrix  (k, k) from a change to what the recording sees of it; inverse: back
     """
-    own = matrix if own is None else own
-    return Told(change, whole @ matrix, noise, np.diag(inverse @ own) > TOLD)
+    inflation = np.diag(inverse) * np.diag(matrix)
+    return (np.diag(inverse @ matrix) > TOLD) & (inflation < COLLINEAR)
 
 
 def larger(one: np.ndarray, other: np.ndarray) -> np.ndarray:

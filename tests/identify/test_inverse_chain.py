@@ -82,7 +82,7 @@ def test_a_chain_with_a_gap_is_recovered(machine):
     for p in e.parameters:
         if p.status == "fitted":
             assert abs(p.value - true[p.name]) < 4.0 * p.std, p.name
-            parts = (p.std_noise, p.std_structure, p.std_between)
+            parts = (p.std_noise, p.std_structure, p.std_between or 0.0)
             assert p.std == pytest.approx(np.linalg.norm(parts), rel=1e-6), p.name
     found = {p.name: p.value for p in e.parameters}
     for name, within in (("motor.inertia", 0.02), ("load.inertia", 0.03), ("shaft.half_gap", 0.05),

@@ -9,7 +9,7 @@ from drivetool.drive.chain import one_body
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.identify.repeats import Repeats, Told, repeats_of, with_scatter
+from drivetool.identify.repeats import Repeats, Told, repeats_of, tells, with_scatter
 from drivetool.identify.results import Z95
 from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from tests.identify.days import NAMES, days_of, machine_of, start_of
@@ -18,7 +18,8 @@ from tests.identify.days import NAMES, days_of, machine_of, start_of
 def each_of(y, variance):
     """Recordings of equal weight that tell one parameter."""
     share = np.eye(1) / len(y)
-    return [Told(np.array([v]), share, np.array([[s]]), np.ones(1, bool)) for v, s in zip(y, variance, strict=True)]
+    return [Told(np.array([v]), share, np.array([s]), share @ share * s, np.ones(1, bool))
+            for v, s in zip(y, variance, strict=True)]
 
 
 def test_with_equal_noise_the_variance_is_that_of_the_analysis_of_variance():
@@ -74,8 +75,9 @@ def test_what_noise_explains_is_no_scatter():
 
 def test_what_one_recording_does_not_tell_is_not_asked_of_it():
     """Two directions: one recording tells the first only, and moves nothing of the second."""
-    told = [Told(np.array([1.0, 99.0]), np.diag([1 / 3, 0.0]), np.diag([1.0, np.inf]), np.array([True, False])),
-            *(Told(np.array([v, w]), np.diag([1 / 3, 1 / 2]), np.eye(2), np.ones(2, bool))
+    first, others = np.diag([1 / 3, 0.0]), np.diag([1 / 3, 1 / 2])
+    told = [Told(np.array([1.0, 99.0]), first, np.array([1.0, np.inf]), first**2, np.array([True, False])),
+            *(Told(np.array([v, w]), others, np.ones(2), others**2, np.ones(2, bool))
               for v, w in ((5.0, 1.0), (-6.0, -1.0)))]
     found = repeats_of(told)
     assert found.scatter[0] == pytest.approx(np.sqrt(np.var([1.0, 5.0, -6.0], ddof=1) - 1.0))
@@ -146,3 +148,29 @@ def test_equal_days_do_not_scatter(criterion):
         for five, one in zip(*pairs, strict=True):
             # 0.45, but for chance
             assert np.hypot(five.std_noise, five.std_between) < 0.8 * one.std_noise, five.name
+
+
+def test_what_only_noise_tells_apart_is_not_told():
+    """Two columns that are one but for a millionth of their power."""
+    matrix = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-6]])
+    assert tells(matrix, np.linalg.inv(matrix)).tolist() == [False, False]
+    assert tells(np.diag([1.0, 0.0]), np.diag([1.0, 0.0])).tolist() == [True, False]
+    loose = np.array([[1.0, 0.9], [0.9, 1.0]])
+    assert tells(loose, np.linalg.inv(loose)).all()
+
+
+@pytest.mark.parametrize("criterion", ["auto", "inverse"])
+def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion):
+    """By least squares its noise alone would say that it has none."""
+    values = machine_of(2)
+    days = days_of(values, 2, 0.0, 2)
+    steady = replace(days_of(values, 1, 0.0, 77, "steady")[0].between(2.0, 6.0), sha256="steady" * 10)
+    n, rng = steady.size, np.random.default_rng(4)
+    speed = 2.0 * values[2] / values[1] + 0.05 * rng.standard_normal(n)
+    torque = np.full(n, 3.0 * values[2] + values[3])
+    steady = replace(steady, signals={"motor_torque": torque, "motor_speed": speed}, segments=((0, n),))
+    whole, two = ({p.name: p for p in greybox(each, start_of(values), Options(criterion=criterion)).parameters}
+                  for each in ([*days, steady], days))
+    for name, true in zip(NAMES, values, strict=True):
+        p = whole[name]
+        assert abs(p.value - true) < 4.0 * p.std and p.std < 2.0 * two[name].std + 1e-3 * true, name

@@ -16,6 +16,7 @@ from drivetool.logs.experiment import Experiment
 from drivetool.logs.zero_phase import low_pass
 
 ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
+MOST_TURNING = 0.5  # of a recording about reversals, up to which they are left out
 STANDING = 0.05  # of standstill in what the filter mixes into a sample, from which it is left out
 
 
@@ -105,6 +106,18 @@ def smoothed(values: np.ndarray, e: Experiment, seen: Motions) -> np.ndarray:
     """(n,) torques as the equations have them."""
     found = low_pass(values, e.segments, seen.smoothing.cutoff, ORDER)
     return _weighed(found) if seen.lag > 0 else found
+
+
+def turns(motion: Motion, seen: Motions) -> np.ndarray:
+    """(n,) where the filter has rounded a reversal, at which dry friction is a step: as long as its own transient.
+
+    Nowhere where the body turns so often that most of the record would be left out.
+    """
+    side = np.sign(np.nan_to_num(motion.speed))
+    reach = int(1.0 / seen.smoothing.cutoff) + 1
+    turned = np.concatenate([[False], side[1:] * side[:-1] < 0.0])
+    found = np.convolve(turned, np.ones(2 * reach + 1), "same") > 0.5
+    return found & (np.mean(found) < MOST_TURNING)
 
 
 def stands(slow: np.ndarray) -> np.ndarray:

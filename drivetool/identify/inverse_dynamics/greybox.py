@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import TOTALS, Drive, shared
 from drivetool.errors import BadOption, Finding
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, FoundLaw, Parameter
 from drivetool.identify.explanations.influence import SLACK, sandwich
@@ -20,7 +20,7 @@ from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
 from drivetool.identify.inverse_dynamics.equations import TorqueFit, torque_fit, torque_picture
 from drivetool.identify.inverse_dynamics.instruments import reference_of
 from drivetool.identify.inverse_dynamics.lacking import own_of, solved_with_laws, with_laws
-from drivetool.identify.inverse_dynamics.linear import beyond_stationary, change_of, influence_of, inverse_of
+from drivetool.identify.inverse_dynamics.linear import Rows, beyond_stationary, change_of, influence_of, inverse_of
 from drivetool.identify.inverse_dynamics.linear import covariance_of as covariance_of_rows
 from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
 from drivetool.identify.inverse_dynamics.regression import (
@@ -34,7 +34,7 @@ from drivetool.identify.inverse_dynamics.regression import (
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
-from drivetool.identify.repeats import Told, repeats_of, told, with_scatter
+from drivetool.identify.repeats import Told, repeats_of, tells, with_scatter
 from drivetool.identify.results import Z95, covariance_of, parameters_of
 from drivetool.identify.setup import Roles
 from drivetool.identify.start import Start
@@ -150,40 +150,46 @@ def _structure(fit: Solved, line: np.ndarray, sensor: str, reference: str | None
     by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
     # Through gaps and friction noise of the motion comes no more in proportion, and instruments do not cure it.
     cured = reference is not None and not r.drive.shafts
-    by_motion = np.zeros(len(off)) if cured else np.abs(line) @ _moved_by_noise(fit) / Z95
+    by_motion = np.zeros(len(off)) if cured else np.abs(line) @ _moved_by_noise(fit, fit.rows, fit.inverse) / Z95
     return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(influence, line @ fit.covariance @ line.T) ** 2)
 
 
 def told_by_each(fit: Solved) -> list[Told]:
     """What each recording says by itself."""
     found = []
-    for r in fit.rows:
-        matrix, inverse = r.instruments.T @ r.slopes, inverse_of([r])
-        change = change_of([r], inverse)
-        own = [replace(r, residual=r.residual - r.slopes @ change)]
+    for number in dict.fromkeys(e.number for e in fit.at.experiments):
+        rows = [r for r, e in zip(fit.rows, fit.at.experiments, strict=True) if e.number == number]
+        matrix, inverse = sum(r.instruments.T @ r.slopes for r in rows), inverse_of(rows)
+        change = change_of(rows, inverse)
+        own = [replace(r, residual=r.residual - r.slopes @ change) for r in rows]
         covariance = covariance_of_rows(own, inverse)
-        beyond = beyond_stationary(influence_of(own, inverse), covariance)
-        found.append(told(change, matrix, fit.inverse, inverse, covariance + np.diag(beyond**2)))
+        beyond = np.hypot(beyond_stationary(influence_of(own, inverse), covariance),
+                          _moved_by_noise(fit, own, inverse) / Z95)  # one that hardly accelerates tells no inertia
+        found.append(Told(change, fit.inverse @ matrix, np.diag(covariance) + beyond**2,
+                          covariance_of_rows(own, fit.inverse), tells(matrix, inverse)))
     return found
 
 
-def _moved_by_noise(fit: Solved) -> np.ndarray:
-    """(k,) by how much least squares may err at most, since noise moves what it takes for given.
+def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> np.ndarray:
+    """(n,) by how much least squares may err at most, since noise moves what it takes for given.
 
     What the motor's torque has too much accelerates the body at most as it would alone; the sensor's noise in the
-    acceleration may go through the controller into the torque.
+    acceleration may go through the controller into the torque. That noise is as large in a recording of its own
+    inertia, which may hardly accelerate.
+
+    rows  of the fit, or of some of its recordings; inverse: (n, n) by these
     """
-    name = f"{fit.at.drive.bodies[0]}.inertia"
-    if name not in fit.at.free:
-        return np.zeros(len(fit.at.free))
-    j, inertia = fit.at.free.index(name), fit.at.drive.values[name]
-    used = [r.slopes.any(axis=1) for r in fit.rows]
-    residual, acceleration = (np.concatenate([v[u] for v, u in zip(each, used, strict=True)]) for each in (
-        [r.residual for r in fit.rows], [r.slopes[:, j] for r in fit.rows]))
-    error, size = float(np.sum(residual**2)), float(np.sum(acceleration**2))
-    moment = error / inertia if inertia > 0.0 else 0.0
-    moment += np.sqrt(NOISE_SHARE * size * error) + NOISE_SHARE * inertia * size
-    return np.abs(fit.inverse[:, j]) * moment
+    free, found = fit.at.free, np.zeros(len(fit.at.free))
+    columns = [j for j, n in enumerate(free) if shared(n) == f"{fit.at.drive.bodies[0]}.inertia"]
+    every = np.concatenate([r.slopes[:, columns] for r in fit.rows])
+    noise = NOISE_SHARE * np.sum(every**2) / max(np.count_nonzero(every.any(axis=1)), 1)  # of one value
+    residual, slopes = (np.concatenate([getattr(r, n) for r in rows]) for n in ("residual", "slopes"))
+    for j in columns:
+        inertia, here = fit.at.drive.values[free[j]], slopes[:, j] != 0.0
+        error, power = float(np.sum(residual[here] ** 2)), noise * np.count_nonzero(here)
+        moment = error / inertia if inertia > 0.0 else 0.0
+        found += np.abs(inverse[:, j]) * (moment + np.sqrt(power * error) + inertia * power)
+    return found
 
 
 def _held(fit: Solved, known: Covariance | None) -> np.ndarray:

@@ -90,6 +90,6 @@ def _exogenous(record: Inverse) -> Motions:
 
 
 def _library(record: Inverse, seen: Motions) -> tuple[Law, ...]:
-    """What may be found. The filter rounds reversals, which looks like a peak of friction at low speed."""
+    """What may be found: no peak of friction at low speed, since reversals are left out or rounded."""
     found = library(seen, record.drive.motion_unit == "rad", record.drive.bodies[0])
     return tuple(law for law in found if not (law.parameter or law.name.startswith(PEAK)))

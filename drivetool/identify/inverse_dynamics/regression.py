@@ -13,7 +13,7 @@ from drivetool.identify.by_record import as_recorded
 from drivetool.identify.explanations.laws import Law
 from drivetool.identify.inverse_dynamics.asked import first_body
 from drivetool.identify.inverse_dynamics.behind import begins, behind
-from drivetool.identify.inverse_dynamics.equations import Equations, equations, stands
+from drivetool.identify.inverse_dynamics.equations import Equations, equations, stands, turns
 from drivetool.identify.inverse_dynamics.instruments import foretold
 from drivetool.identify.inverse_dynamics.linear import (
     BLOCKS,
@@ -87,7 +87,11 @@ class Inverse:
             more, torques = behind(drive, free, e, motion, torques), {}
         columns = np.column_stack([np.empty((e.size, 0)), *(law.columns[i] for law in laws)])
         torques |= dict(zip(drive.known_torques, np.nan_to_num(columns).T, strict=True))
-        found = equations(e, first_body(drive), free, self.seen, motion, standing, torques, more)
+        body = first_body(drive)
+        found = equations(e, body, free, self.seen, motion, standing, torques, more)
+        dry = f"{body.bodies[0]}.coulomb"
+        if dry in free or body.value(dry):
+            found = replace(found, used=found.used & ~turns(motion, self.seen))
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
 
     def led_in(self) -> Inverse:
