@@ -125,6 +125,7 @@ def _freed(found: Differing, label: str, names: str, word: str) -> Differing:
     if not each:
         raise BadOption(f"names after {FREE}=", f"'{word}'", DO)
     for name in each:
+        _no_sum_of_parts(found.drive, name)
         drive = _in_parts(found.drive, name)
         with as_usage():
             own, value = f"{name}@{label}", drive.value(name)
@@ -138,10 +139,21 @@ def _freed(found: Differing, label: str, names: str, word: str) -> Differing:
 
 def _stated(found: Differing, label: str, word: str) -> Differing:
     """A parameter whose value in the recording is known."""
-    drive = _in_parts(found.drive, word.partition("=")[0].strip())
+    kind = word.partition("=")[0].strip()
+    _no_sum_of_parts(found.drive, kind)
+    drive = _in_parts(found.drive, kind)
     with as_usage():
-        name, value = start_value(word, drive, OPTION)
+        name, value = start_value(word, drive, f"{OPTION} FILE")
         return replace(found, drive=drive.with_values({f"{name}@{label}": value}))
+
+
+def _no_sum_of_parts(drive: Drive, name: str) -> None:
+    """Raise BadOption where a sum is named of which the drive has the parts."""
+    from drivetool.drive.chain import TOTALS
+
+    parts = [f"{b}.{TOTALS[name]}" for b in drive.bodies] if name in TOTALS else []
+    if parts and (len(parts) == 1 or any(p in drive.values for p in parts)):
+        raise BadOption(f"the friction of a body after {OPTION}", f"the sum {name}", f"Name {parts[0]}.")
 
 
 def _in_parts(drive: Drive, name: str) -> Drive:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.by_record import differing, only_stated
+from drivetool.cli.by_record import BETWEEN, OPTION, differing, only_stated
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded, say
@@ -123,5 +123,6 @@ def run(job: Job, options: ValidateOptions) -> int:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
         words += ["--map", job.map] if job.map else []
         words += [word for step in job.condition for word in ("--condition", step)]
+        words += [word for pair in job.record for word in (OPTION, *pair.split(BETWEEN))]
         say("validate", f"what is left over has a cause; run diagnose: {shlex.join(words)}")
     return code

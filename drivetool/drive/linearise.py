@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import Drive, shared
 from drivetool.errors import BadOption
 
 MOTOR = "motor_torque"
@@ -39,7 +39,8 @@ class Mode:
 def closed(drive: Drive) -> Drive:
     """The drive without gaps, Coulomb friction and dead time."""
     gone = ("half_gap", "coulomb", "dead_time")
-    return replace(drive, values={k: v for k, v in drive.values.items() if k.rsplit(".", 1)[-1] not in gone})
+    return replace(drive, values={
+        k: v for k, v in drive.values.items() if shared(k).rsplit(".", 1)[-1] not in gone})
 
 
 def state_space(drive: Drive, inputs: Sequence[str] = (MOTOR,), outputs: Sequence[str] = ("motor_speed",),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, two_mass
+from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, shared, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
@@ -78,7 +79,7 @@ class Loaded:
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
             _same_units(section, drive, source.name)
-            drive = _with_records(drive, source.file)
+            drive = _with_records(drive, source)
             values = {}
             for name, entry in source.file.parameters.items():
                 value, unit = _written(entry)
@@ -271,12 +272,28 @@ def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
                  drive.torque_unit, drive.motion_unit, law)
 
 
-def _with_records(drive: Drive, file: shapes.ParameterFile) -> Drive:
-    """The drive that knows the recordings of a file; of two that are called alike the earlier one is forgotten."""
-    records = {} if file.records is msgspec.UNSET else {entry.file: entry.sha256 for entry in file.records}
-    gone = tuple(f"{AT}{name}" for name, sha in records.items() if drive.records.get(name, sha) != sha)
-    values = {n: v for n, v in drive.values.items() if not (gone and n.endswith(gone))}
-    return replace(drive, values=values, records={**drive.records, **records})
+def _with_records(drive: Drive, source: Source) -> Drive:
+    """The drive that knows the recordings of a file.
+
+    Of two recordings that are called alike the earlier one is forgotten; one that has a new name goes by that.
+    """
+    entries = [] if source.file.records is msgspec.UNSET else source.file.records
+    records = {entry.file: entry.sha256.lower() for entry in entries}
+    for entry in entries:
+        if not re.fullmatch(r"[0-9a-f]{64}", entry.sha256.lower()):
+            raise BadParameters(f"the sha256 of {entry.file} at records, 64 hexadecimal digits",
+                                f"'{entry.sha256}' in {source.name}", "Copy it from `drivetool inspect`.")
+    if len(records) < len(entries) or len(set(records.values())) < len(records):
+        raise BadParameters("every recording once at records", f"one twice in {source.name}", "Delete one of them.")
+    names = {sha: name for name, sha in records.items()}
+    renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
+    values = {}
+    for n, v in drive.values.items():
+        kind, at, old = n.partition(AT)
+        if not at or renamed[old]:
+            values[f"{kind}{AT}{renamed[old]}" if at else n] = v
+    kept = {new: drive.records[old] for old, new in renamed.items() if new}
+    return replace(drive, values=values, records={**kept, **records})
 
 
 def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
@@ -306,8 +323,8 @@ def _same_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
 def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
     """A total and its parts in one file contradict each other, or say the same twice."""
     for total, suffix in TOTALS.items():
-        parts = [f"{body}.{suffix}" for body in drive.bodies if f"{body}.{suffix}" in values]
-        if total in values and parts:
+        parts = [n for n in values if shared(n) in {f"{body}.{suffix}" for body in drive.bodies}]
+        if parts and any(shared(n) == total for n in values):
             raise BadParameters(f"either {total} or its parts", f"{total} and {', '.join(parts)} in {name}",
                                 "Delete the total or the parts.")
 

@@ -17,10 +17,10 @@ def as_recorded(drive: Drive, free: Sequence[str], number: int) -> tuple[Drive, 
     returns  NAME has the value, and its column is the one, of NAME@RECORD; the column that all others share then
              stands for nothing
     """
-    ending = next((f"{AT}{name}" for name, sha in drive.records.items() if number_of(sha) == number), None)
-    if ending is None:
+    label = next((name for name, sha in drive.records.items() if number_of(sha) == number), None)
+    if label is None:
         return drive, tuple(free)
-    own = {shared(n): n for n in (*drive.values, *free) if n.endswith(ending)}
+    own = {shared(n): n for n in (*drive.values, *free) if n.partition(AT)[2] == label}
     values = {**drive.values, **{name: drive.values[n] for name, n in own.items() if n in drive.values}}
     names = {n: name for name, n in own.items()} | {name: f"{name}{AT}" for name in own}
     return replace(drive, values=values), tuple(names.get(n, n) for n in free)

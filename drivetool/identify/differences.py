@@ -66,8 +66,8 @@ def between_machines(structure: str, figures: Mapping[str, Mapping[str, tuple[fl
     found = []
     for a, b in combinations(machines, 2):
         for name in dict.fromkeys(n for r in machines[a] for n in figures.get(r, {})):
-            told = [[x for r in machines[m] if (x := figures.get(r, {}).get(name)) is not None and x[1]]
-                    for m in (a, b)]
+            told = [[x for r in machines[m] if (x := figures.get(r, {}).get(name)) is not None and x[1]
+                     and np.isfinite(x[:2]).all()] for m in (a, b)]
             if min(map(len, told)) < FEWEST:
                 continue
             one, other = (mean_of(*np.array([(x[0], x[1]**2) for x in each]).T) for each in told)

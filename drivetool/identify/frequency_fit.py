@@ -184,6 +184,9 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
     if options.start != Start():
         raise BadOption("a criterion in time for --start", "frequency, which knows no start state",
                         "Leave --start out, or take --criterion innovations.")
+    if any(e.sha256 in drive.records.values() for e in experiments):
+        raise BadOption("a criterion in time for recordings that differ", "frequency, which takes them for one",
+                        "Leave --record out, or take --criterion innovations.")
     names = tuple(n for n in free if not n.endswith(SILENT))
     if not names:
         raise BadOption("a free parameter that a linear response shows", "none", "Free an inertia or stiffness.")

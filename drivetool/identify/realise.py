@@ -118,13 +118,11 @@ def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None
     by more than its interval where noise is low.
     """
     values = {**drive.values, **{name: v for name, (v, _) in found.items()}}
-    plain = Drive(drive.name, drive.bodies, drive.shafts, {n: v for n, v in values.items() if n != "total.viscous"},
-                  drive.torque_unit, drive.motion_unit)
+    plain = replace(drive, values={n: v for n, v in values.items() if n != "total.viscous"})
     centre, table = ringing(plain), {}
     for name in covariance.names:
         d = 1e-6 * max(abs(values[name]), 1e-12)
-        up, down = (ringing(Drive(plain.name, plain.bodies, plain.shafts, plain.values | {name: values[name] + x},
-                                  plain.torque_unit, plain.motion_unit)) for x in (d, -d))
+        up, down = (ringing(replace(plain, values=plain.values | {name: values[name] + x})) for x in (d, -d))
         table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
     stds = {}
     for k in centre:

@@ -75,7 +75,7 @@ def repeats_of(told: Sequence[Told], line: np.ndarray | None = None) -> Repeats 
     if len(told) < 2:
         return None
     changes, noise = (np.array(v) for v in zip(*((t.change, t.noise) for t in told), strict=True))
-    known = np.array([t.tells for t in told]) & np.isfinite(noise) & (noise > 0.0)
+    known = np.array([t.tells for t in told]) & np.isfinite(changes) & np.isfinite(noise) & (noise > 0.0)
     n = changes.shape[1]
     variances, counts, chances = np.full(n, np.nan), np.zeros(n), np.ones(n)
     for j in range(n):

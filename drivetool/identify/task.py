@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import Drive, shared
 from drivetool.drive.simulate import Trace
 from drivetool.identify.innovations import Fit
 from drivetool.identify.least_squares import Solution
@@ -74,5 +74,5 @@ class Outcome:
 
 def has_gap(task: Task) -> bool:
     """Whether a gap acts or is to be fitted."""
-    return any(n.endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+    return any(shared(n).endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
                for n in task.drive.quantities)

@@ -36,6 +36,18 @@ def test_machines_in_folders_are_told_apart(call, site, tmp_path):
     assert code == 0 and "between machines" in out
 
 
+def test_a_copy_is_no_repeat(call, site, tmp_path):
+    first, *rest = sorted(site.glob("*/*.parquet"))
+    copy = tmp_path / "copy.parquet"
+    copy.write_bytes(first.read_bytes())
+    code, _, err = call("compare", first, copy, *rest[2:], "--drive", "one-body", "--machine", f"A={first}*",
+                        "--machine", "B=*/two/*")
+    assert code == 2 and "at least 2 recordings" in err
+    code, _, err = call("compare", first, copy, *rest[2:], "--drive", "one-body", "--machine", "A=*[0y].parquet",
+                        "--machine", "B=*/two/[12]*")
+    assert code == 2 and "no copies of one another" in err
+
+
 def test_records_for_themselves_say_that_a_day_is_no_machine(call, site, tmp_path):
     logs = sorted((site / "one").glob("*.parquet"))
     code, _, err = call("compare", *logs, "--drive", "one-body", "--set", "motor.inertia=0.03",

@@ -4,6 +4,8 @@ import pytest
 import yaml
 
 from drivetool.cli.by_record import BETWEEN, joined
+from drivetool.errors import BadParameters
+from drivetool.files.parameter_file import load_parameters
 from tests.cli.test_inverse import logged
 from tests.identify.test_by_record import record
 
@@ -105,6 +107,59 @@ def test_what_is_wrong_is_said_in_one_sentence(call, site, step, file, word, sai
                         "--record", site / file, word, "--out", site / "new.yaml")
     assert code == 2 and said.format(site=site) in err and "Traceback" not in err
     assert sorted(site.iterdir()) == before
+
+
+def test_a_frequency_response_is_of_all_recordings(call, site):
+    b = site / "b.parquet"
+    code, _, err = call("greybox", site / "a.parquet", b, *ONE, "--criterion", "frequency", "--record", b,
+                        "motor.added_inertia=0.006")
+    assert code == 2 and "recordings that differ" in err
+
+
+@pytest.mark.parametrize("word", ["free=total.viscous", "total.viscous=0.01"])
+def test_a_sum_is_not_named_where_its_parts_are_known(call, site, word):
+    code, _, err = call("greybox", site / "a.parquet", *ONE, "--record", site / "a.parquet", word)
+    assert code == 2 and "Name motor.viscous" in err
+
+
+def test_the_advice_can_be_copied(call, site):
+    call("greybox", site / "a.parquet", *ONE, "--out", site / "fit.yaml")
+    b = site / "b.parquet"
+    _, _, err = call("validate", b, "--params", site / "fit.yaml", "--record", b, "motor.added_inertia=0.001",
+                     "--out", site / "check.yaml")
+    assert "run diagnose" in err and f"--record {b} motor.added_inertia=0.001" in err
+
+
+def file_with(folder, name, records, **parameters):
+    content = {"schema": "drivetool/parameters/1", "drive": {"bodies": ["motor"]}, "parameters": parameters,
+               "records": [{"file": f, "sha256": s} for f, s in records]}
+    (folder / name).write_text(yaml.safe_dump(content))
+    return folder / name
+
+
+A, B = 64 * "a", 64 * "b"
+
+
+def test_a_recording_goes_by_its_last_name_and_keeps_its_values(tmp_path):
+    one = file_with(tmp_path, "one.yaml", [("x", A), ("y", B)], **{
+        "motor.inertia": 1.0, "motor.coulomb@x": 0.9, "motor.viscous@x": 0.2, "motor.coulomb@y": 0.5})
+    two = file_with(tmp_path, "two.yaml", [("renamed", A), ("y", 64 * "c")], **{"motor.coulomb@renamed": 0.3})
+    drive = load_parameters([one, two]).drive()
+    assert drive.records == {"renamed": A, "y": 64 * "c"}
+    assert {n: v for n, v in drive.values.items() if "@" in n} == {
+        "motor.coulomb@renamed": 0.3, "motor.viscous@renamed": 0.2}
+
+
+@pytest.mark.parametrize("records, parameters, said", [
+    ([("x", "abc")], {}, "64 hexadecimal digits"), ([("x", A), ("z", A)], {}, "every recording once"),
+    ([("x", A), ("x", B)], {}, "every recording once"),
+    ([], {"motor.coulomb@x": 1.0}, "recording that has parameters"),
+    ([("x", A)], {"total.viscous": 0.1, "motor.viscous@x": 0.2}, "either total.viscous or its parts")])
+def test_what_is_wrong_in_a_file_is_said(tmp_path, records, parameters, said):
+    path = file_with(tmp_path, "bad.yaml", records, **{"motor.inertia": 1.0, **parameters})
+    with pytest.raises(BadParameters) as error:
+        load_parameters([path]).drive()
+    assert said in str(error.value)
 
 
 def test_two_recordings_of_one_content_cannot_differ(call, site):

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive.linearise import state_space
 from drivetool.identify.by_record import as_recorded, shared_by_some
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import EVERY, first_point, problem_of, roles_of, traces_of
 from drivetool.identify.start import Start
+from drivetool.identify.task import Task, has_gap
 from drivetool.logs.experiment import number_of
 from tests.identify.loop import MACHINES, loop_record
 from tests.recover import experiment, reversing_record
@@ -48,6 +50,19 @@ def test_a_record_has_its_own_value_and_the_others_share_one():
     assert [d.value("motor.coulomb") for d, _ in seen.values()] == [0.3, 0.5, 0.3, 0.3]
     assert [d.inertias() for d, _ in seen.values()] == [[0.03], [0.03], [0.04], [0.03]]
     assert seen["a"][1] == free and seen["b"][1].index("motor.coulomb") == 2
+
+
+def test_a_name_that_ends_like_another_is_another():
+    drive = drive_of({"motor.coulomb@run@b": 0.9, "motor.coulomb": 0.3}, names=("b", "run@b"))
+    assert as_recorded(drive, (), number_of("b" * 64))[0].value("motor.coulomb") == 0.3
+
+
+def test_a_gap_of_one_recording_opens_no_linear_drive():
+    values = {"load.inertia": 0.05, "shaft.stiffness": 200.0, "shaft.damping": 0.1}
+    plain = drive_of(values, base=two_mass())
+    gap = plain.with_values({"shaft.half_gap@b": 0.05, "motor.coulomb@b": 0.1})
+    np.testing.assert_array_equal(state_space(gap)[0], state_space(plain)[0])
+    assert has_gap(Task(gap, (), roles_of([record("a", 1, 0.5)], gap), ()))
 
 
 @pytest.mark.parametrize("base, more", [
