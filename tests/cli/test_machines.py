@@ -6,23 +6,25 @@ import yaml
 from drivetool.cli.compare import machines_of
 from drivetool.errors import BadOption
 from tests.cli.test_inverse import logged
-from tests.identify.test_by_record import record
+from tests.identify.days import days_of, machine_of
+
+VALUES = machine_of(3)
+START = f"motor.inertia={1.3 * VALUES[0]}"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
-    for name, coulomb in (("one", 0.3), ("two", 0.42)):
+    for seed, (name, factor) in enumerate((("one", 1.0), ("two", 1.4)), 1):
         (folder / name).mkdir()
-        for i in range(3):
-            made = record("x", 10 * i + len(name) + int(100 * coulomb), coulomb=coulomb * (1.0 + 0.002 * i))
+        for i, made in enumerate(days_of(VALUES * [1.0, 1.0, factor, 1.0], 3, 0.002, seed)):
             logged(folder / name, f"{i}.parquet", made)
     return folder
 
 
 def test_machines_in_folders_are_told_apart(call, site, tmp_path):
     logs = sorted(site.glob("*/*.parquet"))
-    code, out, err = call("compare", *logs, "--drive", "one-body", "--set", "motor.inertia=0.03",
+    code, out, err = call("compare", *logs, "--drive", "one-body", "--set", START,
                           "--structure", "physical-innovations", "--machine", "A=*/one/*", "--machine", "B=*/two/*",
                           "--out", tmp_path / "compare.yaml")
     assert code == 0, err
@@ -50,7 +52,7 @@ def test_a_copy_is_no_repeat(call, site, tmp_path):
 
 def test_records_for_themselves_say_that_a_day_is_no_machine(call, site, tmp_path):
     logs = sorted((site / "one").glob("*.parquet"))
-    code, _, err = call("compare", *logs, "--drive", "one-body", "--set", "motor.inertia=0.03",
+    code, _, err = call("compare", *logs, "--drive", "one-body", "--set", START,
                         "--structure", "physical-innovations", "--out", tmp_path / "compare.yaml")
     assert code == 0, err
     _, out, _ = call("show", tmp_path / "compare.yaml")

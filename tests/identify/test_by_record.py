@@ -1,6 +1,7 @@
 """What differs between recordings of one machine: known, fitted anew, and the state in which each begins."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ AXIS = MACHINES[0]
 NAMES = ("a", "b", "c")
 
 
+@cache
 def record(name, seed, seconds=6.0, **differing):
     values = {"inertia": 0.02, "viscous": 0.01, "coulomb": 0.3, "idle_torque": 0.05, **differing}
     machine = Machine(**{k: (v,) for k, v in values.items()}, rated_torque=4.0)
@@ -96,7 +98,7 @@ def test_sensitivities_are_differences(base, more):
             assert (np.abs(slopes[:, j]).max() == 0.0) == (foreign or hidden), name
 
 
-@pytest.mark.parametrize("criterion", ["auto", "simulation", "inverse"])
+@pytest.mark.parametrize("criterion", ["auto", pytest.param("simulation", marks=pytest.mark.slow), "inverse"])
 def test_what_differs_is_found_and_what_is_shared_is_not_bent(criterion):
     records = [record("a", 1), record("b", 2, inertia=0.026), record("c", 3, coulomb=0.42)]
     drive = drive_of({"motor.added_inertia@b": 0.006, "motor.coulomb": 0.2, "motor.coulomb@c": 0.2})

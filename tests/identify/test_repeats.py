@@ -115,11 +115,11 @@ def test_a_scatter_beyond_noise_is_said():
     assert said.code == "records-scatter" and "motor.inertia by 2 kg m^2" in said.text
 
 
-@pytest.mark.parametrize("criterion", ["auto", "simulation", "inverse"])
+@pytest.mark.parametrize("criterion", ["auto", pytest.param("simulation", marks=pytest.mark.slow), "inverse"])
 def test_the_machine_is_held_and_not_the_day(criterion):
     """Six days that scatter by 1.5 %: one of them by itself knows its own day far better than the machine."""
     held, one, narrow = 0, [], []
-    for seed in range(4):
+    for seed in range(3):
         values = machine_of(seed)
         days = days_of(values, 6, 0.015, seed)
         estimate = greybox(days, start_of(values), Options(criterion=criterion))
@@ -133,7 +133,7 @@ def test_the_machine_is_held_and_not_the_day(criterion):
         assert single["motor.inertia"].repeatability is None and single["motor.inertia"].std_between is None
         one.append(inertia.std)
         narrow.append(single["motor.inertia"].std_noise or single["motor.inertia"].std)
-    assert held >= 12  # of 16, at 95 % once in a thousand less
+    assert held >= 9  # of 12, at 95 % twice in ten thousand less
     assert np.median(np.array(one) / narrow) > 1.5
 
 
