@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
-from drivetool.identify.explanations.influence import sandwich, scores_of
+from drivetool.identify.explanations.influence import sandwich, scores_of, sized
 from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import fit_ratio
@@ -108,7 +108,8 @@ def told_by_each(outcome: Outcome) -> list[Told]:
     found = []
     for a, j, s in zip(alone, joint, own, strict=True):
         inverse = s.inverse
-        noise = larger(s.variance * inverse, sandwich(-s.slopes @ inverse))
+        plain, by_blocks = s.variance * inverse, sandwich(-s.slopes @ inverse)
+        noise = sized(plain, np.sqrt(np.maximum(np.diag(plain), np.diag(by_blocks))))
         share, change = whole @ j.matrix, a.solution.point.values - outcome.solution.point.values
         found.append(Told(change, share, np.diag(noise), share @ noise @ share.T, tells(s.matrix, inverse)))
     return found
@@ -141,13 +142,6 @@ def tells(matrix: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """
     inflation = np.diag(inverse) * np.diag(matrix)
     return (np.diag(inverse @ matrix) > TOLD) & (inflation < COLLINEAR)
-
-
-def larger(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """A covariance with the larger standard deviations of two."""
-    size, wanted = np.sqrt(np.diag(one)), np.sqrt(np.maximum(np.diag(one), np.diag(other)))
-    factor = np.divide(wanted, size, out=np.ones_like(size), where=size > 0.0)
-    return one * np.outer(factor, factor)
 
 
 def with_scatter(lines: Sequence[Parameter], covariance: Covariance | None, names: Sequence[str],

@@ -13,6 +13,7 @@ from drivetool.identify.repeats import Repeats, Told, repeats_of, tells, with_sc
 from drivetool.identify.results import Z95
 from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from tests.identify.days import NAMES, days_of, machine_of, start_of
+from tests.identify.loop import MACHINES, loop_record
 
 
 def each_of(y, variance):
@@ -174,3 +175,17 @@ def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion
     for name, true in zip(NAMES, values, strict=True):
         p = whole[name]
         assert abs(p.value - true) < 4.0 * p.std and p.std < 2.0 * two[name].std + 1e-3 * true, name
+
+
+def test_with_instruments_the_scatter_is_that_of_the_machines():
+    """Held against the values that were simulated: bounds of what noise may do to least squares are no part of it."""
+    axis, rng = MACHINES[0], np.random.default_rng(12)
+    factors = 1.0 + 0.015 * rng.standard_normal(8)
+    machines = [replace(axis, values=(axis.values[0] * f, *axis.values[1:])) for f in factors]
+    days = [replace(loop_record(m, 40 + i, 0.01, seconds=10.0), name=f"day{i}", sha256=f"{i}" * 64)
+            for i, m in enumerate(machines)]
+    lines = {p.name: p for p in greybox(days, axis.start, Options(criterion="inverse")).parameters}
+    inertia, true = lines["motor.inertia"], axis.values[0]
+    assert inertia.repeatability == pytest.approx(np.std(factors, ddof=1) * true, rel=0.15)
+    assert inertia.ci95[0] < true < inertia.ci95[1]
+    assert lines["motor.coulomb"].repeatability < 0.01 * axis.values[2]

@@ -16,7 +16,7 @@ from drivetool.identify.engine import coloured
 from drivetool.identify.estimate import Covariance, FoundLaw, Parameter
 from drivetool.identify.explanations.candidates import Candidate, Field, candidates_of, why_alone
 from drivetool.identify.explanations.held_out import held_out_errors
-from drivetool.identify.explanations.influence import SLACK, sandwich
+from drivetool.identify.explanations.influence import SLACK, sandwich, sized
 from drivetool.identify.explanations.judge import run_length
 from drivetool.identify.explanations.laws import UNFELT, WEIGHTY, model_error, weighty
 from drivetool.identify.explanations.own_parameters import within_bounds
@@ -237,7 +237,7 @@ def spread(field: Field, errors: Mapping[str, float], name: str, free: Sequence[
             apart.append(np.sign(off) * np.maximum(np.abs(off) - one, 0.0))
     rows = np.array(apart).reshape(-1, len(c.own))
     structure = DOUBLED / Z95 * (np.abs(rows).max(axis=0) if len(rows) else np.zeros(len(c.own)))
-    return noise, structure, _sized(base, noise) + _sized(rows.T @ rows, structure)
+    return noise, structure, sized(base, noise) + sized(rows.T @ rows, structure)
 
 
 def _credible(errors: Mapping[str, float], name: str, measured: bool) -> bool:
@@ -267,13 +267,6 @@ def _compared(field: Field, other: str, free: Sequence[str]) -> np.ndarray:
 def _attenuation(c: Candidate, free: Sequence[str]) -> np.ndarray:
     """(k,) by how much sensor noise may lower what a regression finds: the inertia, as its cut-off allows."""
     return NOISE_SHARE * np.array([n.endswith(".inertia") for n in free]) * np.abs(c.own)
-
-
-def _sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """The correlations of a matrix with other standard deviations."""
-    size = np.sqrt(np.diag(matrix))
-    factor = np.divide(std, size, out=np.zeros_like(std), where=size > 0.0)
-    return matrix * np.outer(factor, factor)
 
 
 def _at(c: Candidate, field: Field) -> Outcome:

@@ -94,3 +94,10 @@ def sandwich(influence: np.ndarray) -> np.ndarray:
     """(k, k) covariance from the blocks' shares of the error, its slack for few blocks included."""
     around = influence - influence.mean(axis=0)
     return SLACK**2 * around.T @ around * BLOCKS / (BLOCKS - 1.0)
+
+
+def sized(matrix: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """The correlations of a matrix with other standard deviations."""
+    size = np.sqrt(np.diag(matrix))
+    factor = np.divide(std, size, out=np.zeros_like(std), where=size > 0.0)
+    return matrix * np.outer(factor, factor)

@@ -148,9 +148,7 @@ def _structure(fit: Solved, line: np.ndarray, sensor: str, reference: str | None
     off = np.abs(line @ fit.values - other_line @ narrow.values)
     by_noise = np.sqrt(np.diag(sandwich(influence - other_influence))) / SLACK
     by_band = DOUBLED / Z95 * np.maximum(off - by_noise, 0.0)
-    # Through gaps and friction noise of the motion comes no more in proportion, and instruments do not cure it.
-    cured = reference is not None and not r.drive.shafts
-    by_motion = np.zeros(len(off)) if cured else np.abs(line) @ _moved_by_noise(fit, fit.rows, fit.inverse) / Z95
+    by_motion = np.abs(line) @ _moved_by_noise(fit, fit.rows, fit.inverse) / Z95
     return np.sqrt(by_band**2 + by_motion**2 + beyond_stationary(influence, line @ fit.covariance @ line.T) ** 2)
 
 
@@ -171,7 +169,10 @@ def told_by_each(fit: Solved) -> list[Told]:
 
 
 def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> np.ndarray:
-    """(n,) by how much least squares may err at most, since noise moves what it takes for given.
+    """(n,) by how much the fit may err at most, since noise moves what it takes for given.
+
+    Nothing with instruments, but behind shafts: through gaps and friction noise of the motion does not come in
+    proportion, and they do not cure it.
 
     What the motor's torque has too much accelerates the body at most as it would alone; the sensor's noise in the
     acceleration may go through the controller into the torque. That noise is as large in a recording of its own
@@ -180,6 +181,8 @@ def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> n
     rows  of the fit, or of some of its recordings; inverse: (n, n) by these
     """
     free, found = fit.at.free, np.zeros(len(fit.at.free))
+    if fit.at.foreseen and not fit.at.drive.shafts:
+        return found
     columns = [j for j, n in enumerate(free) if shared(n) == f"{fit.at.drive.bodies[0]}.inertia"]
     every = np.concatenate([r.slopes[:, columns] for r in fit.rows])
     noise = NOISE_SHARE * np.sum(every**2) / max(np.count_nonzero(every.any(axis=1)), 1)  # of one value

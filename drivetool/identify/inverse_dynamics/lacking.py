@@ -31,9 +31,9 @@ def lacking(record: Inverse) -> tuple[str, ...]:
     laws = [law for law in _library(record, _exogenous(record)) if law.name not in known]
     if not laws:
         return ()
-    parts, powers = [], np.zeros(2)
-    for i, (e, q, z) in enumerate(zip(record.experiments, record.with_motion(), record.with_motion(foreseen=True),
-                                      strict=True)):
+    parts, powers, measured = [], np.zeros(2), record.with_motion()
+    others = record.with_motion(foreseen=True) if record.foreseen else measured
+    for i, (e, q, z) in enumerate(zip(record.experiments, measured, others, strict=True)):
         columns = [smoothed(np.nan_to_num(c), e, record.seen) for law in laws for c in law.columns[i].T]
         rows = np.column_stack([z.slopes, *columns, q.residual])
         used = q.used & z.used & np.isfinite(rows).all(axis=1)
