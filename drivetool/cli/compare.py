@@ -74,7 +74,7 @@ def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[in
 
     raises  BadOption: a pattern without recordings, a recording in two machines, a machine with one recording
     """
-    from drivetool.identify.differences import FEWEST
+    from drivetool.identify.recordings.differences import FEWEST
 
     found: dict[str, tuple[int, ...]] = {}
     for word in words:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.by_record import differing, only_stated
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all
 from drivetool.cli.outcomes import guarded, say
+from drivetool.cli.record_option import differing, only_stated
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:

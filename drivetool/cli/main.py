@@ -12,13 +12,13 @@ from drivetool import __version__
 from drivetool.cli import (
     backlash,
     blackbox,
-    by_record,
     compare,
     convert,
     diagnose,
     effects,
     greybox,
     inspect,
+    record_option,
     show,
     simulate,
     spectra,
@@ -38,7 +38,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]})
 for _name, _module in COMMANDS.items():
     # After \b lines stay as they are, so that the example can be copied.
-    app.command(_name, cls=by_record.Command, help=_module.HELP,
+    app.command(_name, cls=record_option.Command, help=_module.HELP,
                 epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
 
 

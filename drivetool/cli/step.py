@@ -9,10 +9,10 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
-from drivetool.cli.by_record import differing
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded
+from drivetool.cli.record_option import differing
 from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:

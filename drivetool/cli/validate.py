@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.by_record import BETWEEN, OPTION, differing, only_stated
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
 from drivetool.cli.outcomes import guarded, say
+from drivetool.cli.record_option import BETWEEN, OPTION, differing, only_stated
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:

@@ -14,7 +14,6 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.by_record import shared_by_some
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import Contact, contact
@@ -27,6 +26,7 @@ from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likel
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
+from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of

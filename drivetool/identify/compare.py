@@ -13,7 +13,6 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, DriveToolError, Finding, NotEnoughData
-from drivetool.identify.differences import Difference, between_machines, differences, told
 from drivetool.identify.engine import Task, by_innovations, by_simulation, free_run
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.fit_percent import fit_percent
@@ -23,6 +22,7 @@ from drivetool.identify.pem_figures import figures_of
 from drivetool.identify.pem_fit import PemFit, fit_structure
 from drivetool.identify.pem_model import KINDS, Structure
 from drivetool.identify.realise import conversion, lines_of, ringing, ringing_with_std
+from drivetool.identify.recordings.differences import Difference, between_machines, differences, told
 from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit

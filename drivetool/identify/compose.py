@@ -17,7 +17,7 @@ from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import normal_under
 from drivetool.identify.noise_doubt import from_noise_doubt
 from drivetool.identify.problem import Point
-from drivetool.identify.repeats import repeats_of, told_by_each, with_scatter
+from drivetool.identify.recordings.repeats import repeats_of, told_by_each, with_scatter
 from drivetool.identify.results import covariance_of, held_uncertainty, parameters_of
 from drivetool.identify.rounding import explains, rounding_alone
 from drivetool.identify.search import CONFIRMED, agrees

@@ -14,7 +14,6 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import BadOption, DriveToolError, Finding
-from drivetool.identify.by_record import shared_by_some
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose
 from drivetool.identify.contact import opened_gaps
@@ -36,6 +35,7 @@ from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
+from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.setup import led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states

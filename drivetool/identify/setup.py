@@ -15,8 +15,8 @@ from drivetool.drive.chain import Drive, shared
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
-from drivetool.identify.by_record import as_recorded, differs
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.recordings.by_record import as_recorded, differs
 from drivetool.logs.experiment import Experiment
 
 EVERY = -1  # in the place of a recording's number: those that are not named

@@ -14,9 +14,9 @@ from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, Finding, nearest
-from drivetool.identify.by_record import as_recorded
 from drivetool.identify.noise import Noise, normal_under
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.recordings.by_record import as_recorded
 from drivetool.identify.results import inverted
 from drivetool.identify.setup import EVERY, Roles, measured_states
 

@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from drivetool.cli.by_record import BETWEEN, joined
+from drivetool.cli.record_option import BETWEEN, joined
 from drivetool.errors import BadParameters
 from drivetool.files.parameter_file import load_parameters
 from tests.cli.test_inverse import logged

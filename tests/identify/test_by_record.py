@@ -8,10 +8,10 @@ import pytest
 
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.drive.linearise import state_space
-from drivetool.identify.by_record import as_recorded, shared_by_some
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
+from drivetool.identify.recordings.by_record import as_recorded, shared_by_some
 from drivetool.identify.setup import EVERY, first_point, problem_of, roles_of, traces_of
 from drivetool.identify.start import Start
 from drivetool.identify.task import Task, has_gap

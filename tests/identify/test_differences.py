@@ -7,9 +7,9 @@ import pytest
 
 from drivetool.drive.chain import one_body
 from drivetool.identify.compare import CompareOptions, compare
-from drivetool.identify.differences import LEVEL, between_machines, differences, holm
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from drivetool.identify.recordings.differences import LEVEL, between_machines, differences, holm
 from drivetool.identify.setup import reverses
 from tests.identify.test_by_record import record
 from tests.recover import experiment

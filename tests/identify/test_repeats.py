@@ -9,9 +9,9 @@ from drivetool.drive.chain import one_body
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.identify.repeats import Repeats, Told, repeats_of, tells, with_scatter
+from drivetool.identify.recordings.repeats import Repeats, Told, repeats_of, tells, with_scatter
+from drivetool.identify.recordings.scatter import half_width, heterogeneity, restricted
 from drivetool.identify.results import Z95
-from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 from tests.identify.loop import MACHINES, loop_record
 
@@ -178,14 +178,14 @@ def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion
 
 
 def test_with_instruments_the_scatter_is_that_of_the_machines():
-    """Held against the values that were simulated: bounds of what noise may do to least squares are no part of it."""
-    axis, rng = MACHINES[0], np.random.default_rng(12)
+    """Held against what was simulated: the bound of what noise does to least squares would hide half of it."""
+    axis, rng = MACHINES[2], np.random.default_rng(12)
     factors = 1.0 + 0.015 * rng.standard_normal(8)
     machines = [replace(axis, values=(axis.values[0] * f, *axis.values[1:])) for f in factors]
-    days = [replace(loop_record(m, 40 + i, 0.01, seconds=10.0), name=f"day{i}", sha256=f"{i}" * 64)
+    days = [replace(loop_record(m, 40 + i, 0.05, seconds=10.0), name=f"day{i}", sha256=f"{i}" * 64)
             for i, m in enumerate(machines)]
     lines = {p.name: p for p in greybox(days, axis.start, Options(criterion="inverse")).parameters}
     inertia, true = lines["motor.inertia"], axis.values[0]
     assert inertia.repeatability == pytest.approx(np.std(factors, ddof=1) * true, rel=0.15)
     assert inertia.ci95[0] < true < inertia.ci95[1]
-    assert lines["motor.coulomb"].repeatability < 0.01 * axis.values[2]
+    assert lines["motor.viscous"].repeatability < 0.015 * axis.values[1]

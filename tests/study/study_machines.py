@@ -16,7 +16,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.identify.compare import CompareOptions, figures_in, model_of
-from drivetool.identify.differences import between_machines
+from drivetool.identify.recordings.differences import between_machines
 from drivetool.logs.experiment import Experiment
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 

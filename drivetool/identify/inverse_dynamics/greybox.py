@@ -34,7 +34,7 @@ from drivetool.identify.inverse_dynamics.regression import (
 from drivetool.identify.least_squares import Solution
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Normal, Point
-from drivetool.identify.repeats import Told, repeats_of, tells, with_scatter
+from drivetool.identify.recordings.repeats import Told, repeats_of, tells, with_scatter
 from drivetool.identify.results import Z95, covariance_of, parameters_of
 from drivetool.identify.setup import Roles
 from drivetool.identify.start import Start

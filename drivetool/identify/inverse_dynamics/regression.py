@@ -9,7 +9,6 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import NotEnoughData
-from drivetool.identify.by_record import as_recorded
 from drivetool.identify.explanations.laws import Law
 from drivetool.identify.inverse_dynamics.asked import first_body
 from drivetool.identify.inverse_dynamics.behind import begins, behind
@@ -26,6 +25,7 @@ from drivetool.identify.inverse_dynamics.linear import (
 from drivetool.identify.inverse_dynamics.motion import Motion, Motions, motion_of, motions_of
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Normal, Point
+from drivetool.identify.recordings.by_record import as_recorded
 from drivetool.identify.setup import replaced
 from drivetool.identify.sums import apart
 from drivetool.logs.experiment import Experiment

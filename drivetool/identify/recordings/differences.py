@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from drivetool.errors import Finding
-from drivetool.identify.scatter import chance_of, mean_of
+from drivetool.identify.recordings.scatter import chance_of, mean_of
 
 FEWEST = 2  # records of a machine: one cannot tell it from its day
 LEVEL = 0.05  # at which records of one machine differ in any figure of a structure, by chance

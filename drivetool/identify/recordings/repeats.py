@@ -20,8 +20,8 @@ from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import fit_ratio
 from drivetool.identify.problem import Point
+from drivetool.identify.recordings.scatter import half_width, heterogeneity, restricted
 from drivetool.identify.results import COLLINEAR
-from drivetool.identify.scatter import half_width, heterogeneity, restricted
 from drivetool.identify.search import AT_ONCE
 from drivetool.identify.task import Outcome
 from drivetool.progress import counted

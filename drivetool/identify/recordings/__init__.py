@@ -1,0 +1,1 @@
+"""Several recordings of one machine: what differs between them, and how they scatter."""
