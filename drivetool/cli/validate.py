@@ -83,7 +83,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
 
 def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
     """sha256 of the recordings that a fit has seen, but for those of which other parts were kept for it."""
-    from drivetool.logs.condition import kept, parse_step
+    from drivetool.logs.condition import parse_step
+    from drivetool.logs.parts import kept
 
     parts = kept([parse_step(str(text)) for text in file.options.get("condition", ())])
     apart = {e.sha256 for e in experiments

@@ -15,7 +15,7 @@ from drivetool.errors import Finding
 from drivetool.files.shapes import FileSection, FindingSection, Number, Shape
 from drivetool.files.text import plain
 from drivetool.identify.estimate import Exhibit
-from drivetool.logs.clock import FAR
+from drivetool.logs.clean_clock import FAR
 from drivetool.logs.inspect import ChannelReport, Inspection
 
 INSPECTION_SCHEMA = "drivetool/inspection/1"

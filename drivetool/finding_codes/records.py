@@ -23,6 +23,11 @@ CODES = {
         "for two sensors of one body; across a shaft a backlash gap looks the same, so it is a note. Nothing is "
         "shifted.",
         "If the clocks differ, write the stated `shift` into the channel map."),
+    "clock-restored": Code(
+        NOTE,
+        "The time stamps were cut to a coarse resolution, such as milliseconds at 4 kHz. A uniform clock lies "
+        "within one resolution of all of them; its times are used instead.",
+        "Log time stamps in full if the clock may not have been uniform."),
     "clock-shifted": Code(
         NOTE,
         "The time stamps of a channel are shifted by the `shift` that the channel map states.",

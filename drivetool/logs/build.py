@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
-from drivetool.logs.condition import condition, parse_step
+from drivetool.logs.condition import Step, condition, parse_step
 from drivetool.logs.convert import shared_units, to_signals
 from drivetool.logs.counts import made_of_counts
 from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
+from drivetool.logs.parts import cut, restarted
 from drivetool.logs.read import read_recording
-from drivetool.logs.resample import onto_grid
+from drivetool.logs.resample import leader_of, onto_grid
 from drivetool.logs.speed_check import compare_speed_and_angle
 from drivetool.logs.unmeasured import unmeasured
 
@@ -35,14 +37,16 @@ def open_experiment(path: str | Path, channel_map: ChannelMap | None = None,
     raises       BadRecording, NotEnoughData, BadOption: see read_recording, build_experiment, condition
     """
     todo = [parse_step(text) for text in (*(channel_map.condition if channel_map else ()), *steps)]
-    return condition(build_experiment(read_recording(path, channel_map), channel_map), todo)
+    return condition(build_experiment(read_recording(path, channel_map), channel_map, todo), todo)
 
 
-def build_experiment(recording: Recording, channel_map: ChannelMap | None = None) -> Experiment:
+def build_experiment(recording: Recording, channel_map: ChannelMap | None = None,
+                     steps: Sequence[Step] = ()) -> Experiment:
     """A recording as an experiment: roles, SI, one grid, segments, and what was wrong.
 
     recording    channels on their own clocks
     channel_map  which channel plays which role; None takes channels named like the roles
+    steps        conditioning, of which the parts of the recording to keep or to omit are taken here
     returns      Experiment; its findings say what was repaired, lost or looks wrong
     raises       BadRecording: role, unit or time that cannot be used;
                  NotEnoughData: fewer than 50 samples, or nothing moves
@@ -50,10 +54,14 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
     signals, findings = to_signals(recording, chosen, channel_map)
     torque_unit, motion_unit, more = shared_units(signals, recording.name)
-    findings = [*recording.findings, *findings, *more, *unmeasured(signals)]
-    gridded = onto_grid(signals, recording.name)
-    findings += gridded.findings
-    segments, more = _cut(gridded.segments, gridded.signals, recording.name)
+    left = cut(signals, leader_of({role: s.time for role, s in signals.items()}), steps, recording.name)
+    findings = [*recording.findings, *findings, *more, *left.findings]
+    gridded = onto_grid(left.signals, recording.name)
+    findings += [*unmeasured(gridded.clean), *gridded.findings]
+    offset = gridded.start - left.start if left.findings else 0.0
+    segments, on_grid = restarted(gridded.segments, gridded.signals, left.parts, offset, gridded.step)
+    gridded = replace(gridded, signals=on_grid)
+    segments, more = _cut(segments, gridded.signals, recording.name)
     findings += more
     inside = _inside(segments, len(next(iter(gridded.signals.values()))))
     findings += _sparse(gridded.signals, inside)
@@ -71,7 +79,8 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
         start=round(recording.origin + gridded.start, 9),
         signals={role: _frozen(values) for role, values in gridded.signals.items()},
         segments=segments, torque_unit=torque_unit, motion_unit=motion_unit,
-        torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings))
+        torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings),
+        offset=round(offset, 9))
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:
@@ -106,15 +115,21 @@ def _cut(segments: Iterable[tuple[int, int]], signals: Mapping[str, np.ndarray],
                             "Record longer or at a higher rate.")
     findings = []
     if missing:
+        there = _inside(segments, len(usable))
+        known = np.flatnonzero(there & usable)
+        between = int(there[known[0]:known[-1] + 1].sum()) > len(known)
         findings.append(Finding(
-            "warning", "torque-missing", f"The torque has no value at {missing} samples of {log}; the "
-            f"record is cut there into {len(pieces)} segments.",
+            "warning" if between else "note", "torque-missing", f"The torque has no value at {missing} samples of "
+            f"{log}; {f'the record is cut there into {len(pieces)} segments' if between else 'they are left out'}.",
             {"samples": missing, "segments": len(pieces)},
             "Check the recorder; the model cannot run without the torque."))
     if len(kept) < len(pieces):
+        short = sum(b - a for a, b in pieces) - total
         findings.append(Finding(
-            "note", "short-segments", f"{len(pieces) - len(kept)} segments of {log} shorter than "
-            f"{MIN_SEGMENT} samples are left out.", {"segments": len(pieces) - len(kept)}))
+            "warning" if short > total else "note", "short-segments",
+            f"{len(pieces) - len(kept)} segments of {log} shorter than {MIN_SEGMENT} samples are left out, {short} "
+            f"of {short + total} samples.",
+            {"segments": len(pieces) - len(kept), "samples": short, "of": short + total}))
     return kept, findings
 
 

@@ -9,12 +9,13 @@ On disk it is YAML; `files/` parses it and hands over a plain mapping:
       motor_angle:  {channel: '/joints.position[name=motor]', unit: counts, per_rev: 8192, wrap: 65536}
       load_angle:   {channel: theta, time: theta_stamp, shift: 0.002}
       load_speed:   omega             # short form: the channel; unit from the log
-    time: {channel: t, unit: ms}       # optional; or just the channel; for MCAP a stamp field,
-                                       # log_time (the default) or publish_time
+    time: {channel: t, unit: ms, wrap: 4294967296}  # optional; or just the channel; for MCAP a stamp
+                                       # field, log_time (the default) or publish_time
     torque_is: command                 # optional: command or measurement
     condition: [despike, lowpass cutoff=50]   # optional, in this order; see condition.py
 
-SI value = sign * (scale * raw + offset), converted from `unit`; `wrap` is undone before that.
+SI value = sign * (scale * raw + offset), converted from `unit`; `wrap` is undone before that, and a
+message or row without a value, which is no sample, becomes `absent` where that is given.
 Without `unit` the unit noted in the log is taken. A value in % (or in 1, per unit) is a share of
 `rated` and needs it; counts need `per_rev`. `shift` is added to the time stamps [s].
 """
@@ -49,10 +50,12 @@ class TimeEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     channel  name of the channel
     unit     of the time stamps, if the log does not say it
+    wrap     counts at which the counter starts again, such as 4294967296
     """
 
     channel: str
     unit: str | None = None
+    wrap: float | None = None
 
 
 class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -66,6 +69,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rated    what 100 % is
     per_rev  counts per revolution, for the unit `counts`
     wrap     the raw value at which the channel starts again, such as 65536 or 360; unwrapped first
+    absent   the raw value of a message or row without one: 0 where a writer leaves zeros out
     time     the clock of this channel, if it is not the map's
     shift    seconds added to its time stamps
     """
@@ -78,6 +82,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rated: Rated | None = None
     per_rev: float | None = None
     wrap: float | None = None
+    absent: float | None = None
     time: TimeEntry | str | None = None
     shift: float = 0.0
 
@@ -148,6 +153,9 @@ class ChannelMap:
         for where, clock in [("time", time), *((f"time of {r}", e.clock) for r, e in roles.items())]:
             if clock and clock.unit is not None:
                 parse_unit(clock.unit, "time", f"{where} in {name}", BadOption)
+            if clock and clock.wrap is not None and not 1 < clock.wrap < math.inf:
+                raise BadOption(f"a number of counts for wrap of {where}", f"{clock.wrap:g}",
+                                f"Correct it in {name}.")
         return cls(roles, time, file.torque_is, tuple(file.condition), name)
 
 
@@ -183,8 +191,8 @@ def _check_keys(content: object, name: str) -> None:
 def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
     """Numbers and units of one role."""
     numbers = {"scale": entry.scale, "offset": entry.offset, "shift": entry.shift}
-    numbers |= {key: value for key, value in (("per_rev", entry.per_rev), ("wrap", entry.wrap))
-                if value is not None}
+    numbers |= {key: value for key, value in (("per_rev", entry.per_rev), ("wrap", entry.wrap),
+                                              ("absent", entry.absent)) if value is not None}
     if entry.rated:
         numbers["rated value"] = entry.rated.value
         rated = parse_unit(entry.rated.unit, ROLES[role], f"rated of {role} in {name}", BadOption)
@@ -192,7 +200,7 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
             raise BadOption(f"a unit of {ROLES[role]} for rated of {role}", f"'{entry.rated.unit}'",
                             "Say what 100 % is, for example {value: 200, unit: Nm}.")
     for key, value in numbers.items():
-        if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift")):
+        if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift", "absent")):
             raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",
                             f"Correct it in {name}.")
     if entry.unit is not None:

@@ -1,4 +1,4 @@
-"""Time stamps as logged, and the uniform grid that fits them."""
+"""The uniform grid that fits time stamps."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-
-from drivetool.errors import BadRecording, Finding
 
 # Samples this far apart still belong together. One or two lost samples are the everyday loss of a
 # logger, and a torque held that long is hardly wrong; across more the machine may have done anything.
@@ -18,26 +16,8 @@ GAP_STEPS = BRIDGE_STEPS + 0.5
 JITTER = 0.05
 # A step found this near to the median one is the same; jitter bends the median by a few per cent.
 LIKE_STEP = 0.1
-# Seconds and steps beyond these are damage; larger ones would overflow in what follows.
-FAR, MOST_STEPS = 1e15, 1e12
-# A sample that several writers brought out of order is at most so many places away from its own.
-DISORDER = 64
-
-
-@dataclass(frozen=True)
-class Clock:
-    """A clean clock.
-
-    time   (m,) seconds, strictly increasing
-    keep   (m,) indices of the samples it keeps, in the order of time; None: all, as they are
-    """
-
-    time: np.ndarray
-    keep: np.ndarray | None = None
-
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """The values that belong to the clean stamps; the array itself if nothing was changed."""
-        return values if self.keep is None else values[self.keep]
+# Steps beyond this are damage; larger ones would overflow in what follows.
+MOST_STEPS = 1e12
 
 
 @dataclass(frozen=True)
@@ -62,57 +42,6 @@ class Grid:
     def size(self) -> int:
         """Grid points from the first to the last sample."""
         return int(self.index[-1]) + 1
-
-
-def clean_clock(time: np.ndarray, who: str, log: str) -> tuple[Clock, list[Finding]]:
-    """The stamps without repeated and missing ones, in order.
-
-    time     (n,) seconds as logged; who: the channel, for messages
-    returns  Clock, findings
-    raises   BadRecording: the clock was set back (says where); single samples out of order are sorted
-    """
-    findings = []
-    keep = np.flatnonzero(np.abs(time) < FAR)  # neither NaN nor damaged beyond all time
-    if len(keep) < len(time):
-        findings.append(Finding(
-            "warning", "missing-time", f"{len(time) - len(keep)} samples of {who} in {log} have no time "
-            "stamp and are left out.", {"samples": len(time) - len(keep), "of": len(time)}))
-    if len(keep) == 0:
-        raise BadRecording(f"time stamps of {who} in {log}", "none",
-                           "Name the time channel in the channel map.")
-    keep, more = _in_order(time, keep, who, log)
-    findings += more
-    step = np.diff(time[keep])
-    if np.any(step == 0):
-        repeated = int(np.sum(step == 0))
-        findings.append(Finding(
-            "warning", "repeated-time", f"{repeated} samples of {who} in {log} repeat the time stamp before "
-            "them and are left out.", {"samples": repeated, "of": len(time)},
-            "Check the resolution of the recorder's clock."))
-        keep = keep[np.concatenate([[True], step > 0])]
-    return (Clock(time[keep], keep) if findings else Clock(time)), findings
-
-
-def _in_order(time: np.ndarray, keep: np.ndarray, who: str, log: str) -> tuple[np.ndarray, list[Finding]]:
-    """Indices in the order of time, if single samples were logged too late; BadRecording if the clock jumps."""
-    step = np.diff(time[keep])
-    if not np.any(step < 0):
-        return keep, []
-    order = np.argsort(time[keep], kind="stable")
-    away = np.abs(order - np.arange(len(order)))
-    late = int(np.sum(away > 0))
-    # A clock that was set back leaves two samples where one should be; late samples fill their holes.
-    usual = 0.5 * np.median(np.abs(step))
-    crowded = int(np.sum(np.diff(time[keep][order]) < usual)) > int(np.sum(np.abs(step) < usual))
-    if away.max() > DISORDER or crowded:
-        at = int(np.argmax(step < 0))
-        raise BadRecording(
-            f"time that does not go backwards for {who} in {log}",
-            f"a step of {step[at]:.6g} s after sample {keep[at]} at {time[keep[at]]:.6f} s",
-            "Cut the record there, or choose another time channel in the channel map.")
-    return keep[order], [Finding(
-        "warning", "out-of-order", f"{late} samples of {who} in {log} were not logged in the order of their time "
-        "stamps; they were sorted.", {"samples": late, "of": len(time)}, "Check the recorder.")]
 
 
 def median_step(time: np.ndarray) -> float:

@@ -9,6 +9,7 @@
     keep from=2 to=8                                 this part of the recording only, in seconds from its start
     omit from=4.5 to=5                               all but this part; what follows starts anew
 
+keep and omit act before all others, and before any check of the recording: they cure what they leave out.
 `roles` is optional; without it a step takes all roles that it can.
 """
 
@@ -104,13 +105,15 @@ def _number(name: str, key: str, text: str, rule: tuple[float | None, float, boo
 
 
 def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
-    """The experiment after the steps, in their order.
+    """The experiment after the steps, in their order; keep and omit came before it (parts.py).
 
     returns  a new Experiment; each step is a note in its findings
     raises   BadOption: a role that is not there, a cut-off above half the rate; NotEnoughData: too few
              samples left
     """
     for step in steps:
+        if step.name not in _STEPS:
+            continue
         missing = [role for role in step.roles if role not in experiment.signals]
         if missing:
             raise BadOption(f"role {missing[0]} to {step.name}", f"none in {experiment.name}",
@@ -223,18 +226,6 @@ def _differentiate(experiment: Experiment, step: Step) -> Result:
     return replace(experiment, signals=signals), {}, f"{', '.join(roles)} became speeds by central differences"
 
 
-def kept(steps: Sequence[Step]) -> list[tuple[float, float]]:
-    """(from, to) in seconds of a recording, of the parts that `keep` and `omit` leave; other steps leave all."""
-    parts = [(0.0, math.inf)]
-    for step in steps:
-        if step.name in ("keep", "omit"):
-            first, last = step.numbers["from"], step.numbers["to"]
-            windows = [(first, last)] if step.name == "keep" else [(0.0, first), (last, math.inf)]
-            parts = [(max(a, low), min(b, high)) for a, b in parts for low, high in windows
-                     if max(a, low) < min(b, high)]
-    return parts
-
-
 def _integrate(experiment: Experiment, step: Step) -> Result:
     """Speeds become the angles of whose differences they were made; an angle that is there already stays."""
     roles = step.roles or tuple(role for role in experiment.signals if role.endswith("_speed"))
@@ -256,38 +247,6 @@ def _integrate(experiment: Experiment, step: Step) -> Result:
             f"{', '.join(roles)} summed up to angles from zero")
 
 
-def _keep(experiment: Experiment, step: Step) -> Result:
-    """One part of the recording, as an experiment of its own."""
-    first, last = _part(experiment, step)
-    part = experiment.between(first, min(last, experiment.size * experiment.step))
-    _enough(part.segments, experiment, step, "Keep more of it.")
-    return part, {"samples": part.size}, f"{part.size} of {experiment.size} samples kept"
-
-
-def _omit(experiment: Experiment, step: Step) -> Result:
-    """A part becomes a gap: nothing is known of it, and the motion after it starts anew."""
-    i, j = (round(edge / experiment.step) for edge in _part(experiment, step))
-    segments = tuple((a, b) for first, last in experiment.segments
-                     for a, b in ((first, min(last, i)), (max(first, j), last)) if b > a)
-    _enough(segments, experiment, step, "Omit less of it.")
-    left_out = sum(b - a for a, b in experiment.segments) - sum(b - a for a, b in segments)
-    signals = {role: values.copy() for role, values in experiment.signals.items()}
-    for role in signals.keys() - set(INPUTS):
-        signals[role][max(i, 0):j] = np.nan
-    return (replace(experiment, signals=signals, segments=segments), {"samples": left_out},
-            f"{left_out} samples left out")
-
-
-def _part(experiment: Experiment, step: Step) -> tuple[float, float]:
-    """Ends of a part in seconds from the experiment's first sample; they are given from the recording's."""
-    first, last = (step.numbers[key] - experiment.offset for key in ("from", "to"))
-    size = experiment.size * experiment.step
-    if not first < last or last <= 0.0 or first >= size:
-        raise BadOption(f"from before to, within {experiment.offset:g} to {experiment.offset + size:g} s of "
-                        f"{experiment.name}, for {step.name}", step.text, "Correct it.")
-    return max(first, 0.0), last
-
-
 def _enough(segments: Sequence[tuple[int, int]], experiment: Experiment, step: Step, do: str) -> None:
     if (left := sum(b - a for a, b in segments)) < LEAST:
         raise NotEnoughData(f"at least {LEAST} samples of {experiment.name} after {step.text}", f"{left}", do)
@@ -295,5 +254,4 @@ def _enough(segments: Sequence[tuple[int, int]], experiment: Experiment, step: S
 
 _STEPS: dict[str, Callable[[Experiment, Step], Result]] = {
     "despike": _despike, "lowpass": _low_pass, "detrend": _detrend, "decimate": _decimate,
-    "differentiate": _differentiate, "integrate": _integrate,
-    "keep": _keep, "omit": _omit}
+    "differentiate": _differentiate, "integrate": _integrate}

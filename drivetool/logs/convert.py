@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,22 +19,31 @@ BEYOND = 1e100
 
 @dataclass(frozen=True)
 class Signal:
-    """A role's signal on its own clock: time (n,) [s], values (n,) in the SI unit `si`."""
+    """A role's signal on its own clock.
+
+    time, values  (n,) [s], and in the SI unit `si`; finite
+    without       (k,) stamps of rows or messages without a value [s]; they are no samples
+    broken        number of samples among them whose value is infinite or impossibly large
+    """
 
     time: np.ndarray
     values: np.ndarray
     si: str
+    without: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    broken: int = 0
 
 
 def to_signals(recording: Recording, chosen: Mapping[str, str],
                channel_map: ChannelMap | None) -> tuple[dict[str, Signal], list[Finding]]:
-    """Every chosen channel in SI, in the order of ROLES; infinite and impossibly large values become missing ones.
+    """Every chosen channel in SI, in the order of ROLES; infinite and impossibly large values are none.
 
     chosen   role -> channel name
     returns  role -> Signal, findings
     raises   BadRecording: unknown or missing unit, % without rated value, no value at all
     """
-    signals, findings = {}, []
+    signals: dict[str, Signal] = {}
+    findings: list[Finding] = []
+    seen: list[tuple[Channel, np.ndarray, np.ndarray]] = []
     for role in ROLES:
         if role not in chosen:
             continue
@@ -42,26 +51,30 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
         values, si, more = _convert(channel, entry, role, recording.name)
         findings += more
-        finite = np.abs(values) < BEYOND
-        count = int(np.sum(~finite))
-        if count == len(values):
+        known = np.abs(values) < BEYOND
+        if not known.any():
             raise BadRecording(f"values of {role} in {recording.name}", f"none in channel '{chosen[role]}'",
                                "Choose another channel, or leave the role out.")
-        if count:
-            values = np.where(finite, values, np.nan)
-            findings.append(Finding(
-                "warning", "missing-values",
-                f"{role} has no value that can be used at {100 * count / len(values):.2g} % of its samples.",
-                {"role": role, "samples": count, "of": len(values), "share": count / len(values)},
-                "Check the recorder and the sensor."))
-        time = channel.time
+        time, without, broken = channel.time, np.zeros(0), 0
+        if not known.all():
+            broken = int(np.sum(~known & ~np.isnan(values)))
+            time, without, values = _of(channel, known, seen), time[~known], values[known]
         if entry.shift:
-            time = time + entry.shift
+            time, without = time + entry.shift, without + entry.shift
             findings.append(Finding(
                 "note", "clock-shifted", f"{entry.shift:g} s were added to the time stamps of {role}, as the "
                 "channel map says.", {"role": role, "shift": entry.shift}))
-        signals[role] = Signal(time, values, si)
+        signals[role] = Signal(time, values, si, without, broken)
     return signals, findings
+
+
+def _of(channel: Channel, known: np.ndarray, seen: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """The known stamps of a channel; one array for all channels of a clock that lack the same ones."""
+    for other, mask, time in seen:
+        if other.time is channel.time and np.array_equal(mask, known):
+            return time
+    seen.append((channel, known, channel.time[known]))
+    return seen[-1][2]
 
 
 def _convert(channel: Channel, entry: RoleEntry, role: str,
@@ -71,6 +84,8 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
     unit = parse_unit(entry.unit or channel.unit, ROLES[role], where)
     require_scale(role, unit, entry)
     values, findings = channel.values, []
+    if entry.absent is not None:
+        values = np.where(np.isnan(values), entry.absent, values)
     if entry.wrap is not None:
         values, findings = unwrap(values, entry.wrap, role)
     elif ROLES[role] == "angle":

@@ -10,7 +10,9 @@ import numpy as np
 from drivetool.errors import BadRecording, DriveToolError, Finding
 from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, resolve
-from drivetool.logs.clock import FAR, clean_clock, fit_grid, median_step
+from drivetool.logs.clean_clock import FAR, clean_clock
+from drivetool.logs.clock import fit_grid, median_step
+from drivetool.logs.condition import parse_step
 from drivetool.logs.experiment import ROLES, Channel, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.spikes import despiked, held, quantum
@@ -87,7 +89,8 @@ def inspect_log(path: str | Path, channel_map: ChannelMap | None = None) -> Insp
         reports.append(_report(name, channel, role, clock, _unit(channel, role, channel_map)))
     experiment, refused = None, ""
     try:
-        experiment = build_experiment(recording, channel_map)
+        steps = [parse_step(text) for text in channel_map.condition] if channel_map else []
+        experiment = build_experiment(recording, channel_map, steps)
         findings = [*experiment.findings, *findings]
     except DriveToolError as problem:
         refused = str(problem)

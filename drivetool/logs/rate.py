@@ -15,19 +15,18 @@ from drivetool.logs.clock import BRIDGE_STEPS, GAP_STEPS, median_step
 
 # From this ratio of rates on.
 FASTER = 1.25
+# Steps of a clock at a fixed rate are within half a step of the usual one, but for those beside lost samples; of
+# one without a rate (events at random, with exponential intervals) a third is.
+REGULAR = 0.8
 CUT_OFF, HALF_WIDTH, BETA = 0.4, 10, 6.0
 
 
 def average(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """(n,) mean over [at, at + step) of an input that is held from sample to sample.
 
-    time, values  (m,) of the input; NaN where the input is missing or older than it may be
+    time, values  (m,) of the input
     """
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
-    own = median_step(time)
-    # Held until the next sample, but not for longer than an input may be old.
-    used = np.minimum(np.append(np.diff(time), own), GAP_STEPS * own)
+    used = held_for(time)
     edges = np.column_stack([time, time + used]).ravel()
 
     def integral(slope):
@@ -36,7 +35,22 @@ def average(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -
         return np.interp(at + step, edges, rising) - np.interp(at, edges, rising)
 
     share = integral(np.ones(len(time))) / step
-    return np.where(share > 0.999, integral(values) / step, np.nan)
+    mean = integral(values) / step
+    # Within one value there is nothing to average, and nothing to round.
+    first, last = (np.searchsorted(time, at + edge * step, side="right") - 1 for edge in (1e-6, 1 - 1e-6))
+    return np.where(share > 0.999, np.where(first == last, values[first], mean), np.nan)
+
+
+def held_for(time: np.ndarray) -> np.ndarray:
+    """(m,) how long each value of an input is known to act [s].
+
+    At a fixed rate: until the next one, if none was lost between them. A command that is sent now and then, at no
+    rate, stays for as long as one at a rate may be late.
+    """
+    own = median_step(time)
+    steps = np.append(np.diff(time), own)
+    regular = np.mean(np.abs(steps - own) < 0.5 * own) > REGULAR
+    return np.where(steps <= GAP_STEPS * own, steps, own if regular else GAP_STEPS * own)
 
 
 def low_passed(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -44,8 +58,6 @@ def low_passed(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray
 
     time, values  (m,) of the sensor, on a faster clock; NaN near its ends and its gaps
     """
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
     own = median_step(time)
     count = round((time[-1] - time[0]) / own) + 1
     grid = time[0] + np.arange(count) * own

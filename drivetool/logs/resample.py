@@ -8,41 +8,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs.clock import (
-    BRIDGE_STEPS,
-    GAP_STEPS,
-    JITTER,
-    Clock,
-    Grid,
-    clean_clock,
-    fit_grid,
-    median_step,
-)
+from drivetool.logs.clean_clock import Clock, clean_clock
+from drivetool.logs.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step
 from drivetool.logs.clock_offset import clock_offsets
 from drivetool.logs.convert import Signal
 from drivetool.logs.experiment import INPUTS
-from drivetool.logs.rate import CUT_OFF, FASTER, average, low_passed
+from drivetool.logs.rate import CUT_OFF, FASTER, average, held_for, low_passed
 
 
 @dataclass(frozen=True)
 class Gridded:
-    """Signals on a grid: step, start [s]; role -> (n,); segments without a gap in time."""
+    """Signals on a grid: step, start [s]; role -> (n,); segments without a gap; clean, on their own clocks."""
 
     step: float
     start: float
     signals: Mapping[str, np.ndarray]
     segments: tuple[tuple[int, int], ...]
     findings: tuple[Finding, ...]
+    clean: Mapping[str, Signal]
 
 
 def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
-    """All signals on the grid of the motor torque (without one, of the fastest signal).
+    """All signals on the grid of the fastest of them; of equal ones, that of the motor torque.
 
-    One clock with less than 5 % jitter: the samples are taken as they are, bit by bit. Otherwise an
-    input takes, at each grid point, the value that acts during most of the step that follows (zero
-    order hold), and a sensor is interpolated between neighbours at most 3 steps apart. Slower
-    sensors get a value only at the grid points next to their samples; faster ones are low-passed,
-    and faster inputs averaged (rate.py).
+    Samples whose stamps are those of the grid are taken as they are, bit by bit. Others are converted: an
+    input takes the value that acts during most of the step that follows (zero order hold), and a sensor is
+    interpolated between neighbours at most 3 steps apart. Slower sensors get a value only at the grid
+    points next to their samples, slower inputs the mean of what is held over each step; what is faster
+    (references alone) is low-passed (rate.py).
 
     signals  role -> Signal
     returns  Gridded; neighbours more than 3 steps apart begin a new segment
@@ -50,6 +43,86 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
              signal with fewer than two samples
     """
     clocks, findings = _clean(signals, log)
+    _refuse_single(signals, clocks, log)
+    values = {role: clocks[role].of(signal.values) for role, signal in signals.items()}
+    clean = {role: Signal(clock.time, values[role], signals[role].si) for role, clock in clocks.items()}
+    findings += clock_offsets(clean, log)
+    leader = leader_of({role: clock.time for role, clock in clocks.items()})
+    time = _filled(leader, clocks)
+    grid = fit_grid(time)
+    count = grid.size if grid.uniform else round((time[-1] - grid.start) / grid.step) + 1
+    _refuse_vast(count, len(time), log)
+    index = grid.index if grid.uniform else np.round((time - grid.start) / grid.step).astype(np.int64)
+    at = np.interp(np.arange(count), index, time) if grid.uniform else grid.start + np.arange(count) * grid.step
+    placed: dict[str, np.ndarray] = {}
+    slowed: dict[str, float] = {}
+    for role, clock in clocks.items():
+        places = _places(clock.time, time, grid) if grid.uniform else None
+        if places is not None:
+            placed[role] = _place(count, places, values[role], role in INPUTS)
+            continue
+        own = median_step(clock.time)
+        if grid.step > FASTER * own and role not in INPUTS:
+            slowed[role] = own
+        placed[role] = _converted(at, grid.step, clock.time, values[role], own, role in INPUTS)
+    if grid.uniform and grid.lost:
+        findings.append(_lost_finding(grid, log))
+    if slowed:
+        findings.append(_slowed_finding(slowed, grid, log))
+    if not grid.uniform or any(_places(clock.time, time, grid) is None for clock in clocks.values()):
+        findings.append(_resampled_finding(grid, clocks, leader, log))
+        _require_overlap(placed, log, findings)
+    if len(grid.gaps):
+        findings.append(_gap_finding(grid, time, log))
+    return Gridded(grid.step, grid.start, placed, tuple(_stretches(index, grid.gaps)), tuple(findings), clean)
+
+
+def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
+    """role -> Clock; signals with equal stamps share one Clock object."""
+    groups: list[tuple[np.ndarray, list[str]]] = []
+    for role, signal in signals.items():
+        known = next((roles for time, roles in groups
+                      if time is signal.time or np.array_equal(time, signal.time, equal_nan=True)), None)
+        if known is None:
+            groups.append((signal.time, [role]))
+        else:
+            known.append(role)
+    clocks: dict[str, Clock] = {}
+    findings: list[Finding] = []
+    for time, roles in groups:
+        clock, new = clean_clock(time, ", ".join(roles), log, [signals[role].values for role in roles],
+                                 signals[roles[0]].without)
+        findings += new
+        clocks |= dict.fromkeys(roles, clock)
+    findings += [f for role in signals for f in _absent(role, signals[role], clocks[role].time, log)]
+    return {role: clocks[role] for role in signals}, findings
+
+
+def _absent(role: str, signal: Signal, time: np.ndarray, log: str) -> list[Finding]:
+    """A finding if rows or messages lack a value where one was due at the signal's own rate."""
+    if not len(signal.without) or len(time) < 2:
+        return []
+    own = median_step(time)
+    place = np.searchsorted(time, signal.without)
+    inside = np.bincount(place, minlength=len(time) + 1)[1:-1]
+    due = int(np.minimum(inside, np.maximum(np.round(np.diff(time) / own) - 1, 0)).sum())
+    # Before the first sample and after the last: as many as fit at the signal's rate.
+    for part in (time[0] - signal.without[place == 0], signal.without[place == len(time)] - time[-1]):
+        due += len(set(np.floor(part / own + 1e-3).tolist()) - {0.0})
+    due = max(due, signal.broken)
+    if not due:
+        return []
+    of = due + len(time)
+    return [Finding(
+        "warning", "missing-values",
+        f"{role} has no value that can be used at {100 * due / of:.2g} % of its samples in {log}.",
+        {"role": role, "samples": due, "of": of, "share": due / of},
+        "Check the recorder and the sensor. If the writer leaves zeros out (proto3 as JSON does), write "
+        f"`absent: 0` for {role} in the channel map.")]
+
+
+def _refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], log: str) -> None:
+    """One stamp is no clock."""
     for role, clock in clocks.items():
         if len(clock.time) < 2:
             count = len(signals[role].time)
@@ -57,47 +130,53 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
                                 f"{count} at one time" if count > 1 else f"{count}",
                                 "Choose another clock with `time:` in the channel map." if count > 1
                                 else "Record longer.")
-    findings += clock_offsets({role: Signal(clock.time, clock.of(signals[role].values), signals[role].si)
-                               for role, clock in clocks.items()}, log)
-    leader = "motor_torque" if "motor_torque" in clocks else min(
-        clocks, key=lambda role: median_step(clocks[role].time))
-    grid = fit_grid(clocks[leader].time)
-    values = {role: clocks[role].of(signal.values) for role, signal in signals.items()}
-    if grid.uniform and all(clock is clocks[leader] for clock in clocks.values()):
-        count = grid.size
-        _refuse_vast(count, len(grid.index), log)
-        placed = {role: _place(grid, v, role in INPUTS) for role, v in values.items()}
-        segments = _stretches(grid.index, grid.gaps)
-        if grid.lost:
-            findings.append(_lost_finding(grid, log))
-    else:
-        count = round((clocks[leader].time[-1] - grid.start) / grid.step) + 1
-        _refuse_vast(count, len(grid.index), log)
-        at = grid.start + np.arange(count) * grid.step
-        placed, slowed = _convert_rates(at, grid.step, clocks, values)
-        if slowed:
-            findings.append(_slowed_finding(slowed, grid, log))
-        places = np.round((clocks[leader].time - grid.start) / grid.step).astype(np.int64)
-        segments = _stretches(places, grid.gaps)
-        findings.append(_resampled_finding(grid, clocks, leader, log))
-        _require_overlap(placed, log, findings)
-    if len(grid.gaps):
-        findings.append(_gap_finding(grid, clocks[leader].time, log))
-    return Gridded(grid.step, grid.start, placed, tuple(segments), tuple(findings))
 
 
-def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
-    """role -> Clock; signals with equal stamps share one Clock object."""
-    clocks, findings, seen = {}, [], []
-    for role, signal in signals.items():
-        known = next((clock for time, clock in seen
-                      if time is signal.time or np.array_equal(time, signal.time, equal_nan=True)), None)
-        if known is None:
-            known, new = clean_clock(signal.time, role, log)
-            findings += new
-            seen.append((signal.time, known))
-        clocks[role] = known
-    return clocks, findings
+def leader_of(times: Mapping[str, np.ndarray]) -> str:
+    """The role whose clock the grid takes; what the loop is asked for is no reason for a finer one.
+
+    times  role -> (n,) stamps, as logged or clean
+    """
+    steps = {role: _usual(time) for role, time in times.items()}
+    own = {role: step for role, step in steps.items() if not role.startswith("reference_")} or steps
+    fastest = min(own.values())
+    return next(role for role in own if own[role] <= (1 + LIKE_STEP) * fastest)
+
+
+def _usual(time: np.ndarray) -> float:
+    """The usual step of stamps that may still be out of order or repeated [s]."""
+    steps = np.abs(np.diff(time))
+    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
+
+
+def _filled(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
+    """The leader's stamps, with those of other clocks where it lacks a sample."""
+    time = clocks[leader].time
+    step = median_step(time)
+    for clock in {id(clock): clock for clock in clocks.values() if clock is not clocks[leader]}.values():
+        away = _distance(clock.time, time) / step
+        missing = (away > 0.5) & (np.abs(away - np.round(away)) < JITTER)
+        missing &= (clock.time > time[0]) & (clock.time < time[-1])
+        if missing.any() and abs(median_step(clock.time) / step - 1) <= LIKE_STEP:
+            time = np.union1d(time, clock.time[missing])
+    return time
+
+
+def _distance(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """(n,) from each time to the nearest stamp."""
+    right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
+    return np.minimum(np.abs(time - stamps[right - 1]), np.abs(stamps[right] - time))
+
+
+def _places(time: np.ndarray, stamps: np.ndarray, grid: Grid) -> np.ndarray | None:
+    """Grid points of the times (m,); None if they are not those of the grid's stamps (n,)."""
+    if time is stamps:
+        return grid.index
+    right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
+    nearest = right - (time - stamps[right - 1] < stamps[right] - time)
+    if np.any(np.abs(time - stamps[nearest]) > JITTER * grid.step) or np.any(np.diff(nearest) < 1):
+        return None
+    return grid.index[nearest]
 
 
 def _refuse_vast(count: int, samples: int, log: str) -> None:
@@ -107,14 +186,18 @@ def _refuse_vast(count: int, samples: int, log: str) -> None:
                            "Cut the record into files, one per run.")
 
 
-def _place(grid: Grid, values: np.ndarray, held: bool) -> np.ndarray:
-    """(n,) on the grid; lost samples are held for an input and missing for a sensor."""
-    if grid.size == len(values):
+def _place(count: int, places: np.ndarray, values: np.ndarray, is_input: bool) -> np.ndarray:
+    """(count,) with values at their places; an input is held where no sample of its own was lost, NaN elsewhere."""
+    if count == len(values):
         return values
-    if held:
-        return values[np.searchsorted(grid.index, np.arange(grid.size), side="right") - 1]
-    placed = np.full(grid.size, np.nan)
-    placed[grid.index] = values
+    placed = np.full(count, np.nan)
+    if not is_input:
+        placed[places] = values
+        return placed
+    for_ = np.round(held_for(places.astype(float))).astype(np.int64)
+    last = np.searchsorted(places, np.arange(count), side="right") - 1
+    known = (last >= 0) & (np.arange(count) < (places + for_)[last])
+    placed[known] = values[last[known]]
     return placed
 
 
@@ -125,42 +208,31 @@ def _stretches(places: np.ndarray, gaps: np.ndarray) -> list[tuple[int, int]]:
     return [(int(a), int(b) + 1) for a, b in zip(first, last, strict=True)]
 
 
+def _converted(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray, own: float,
+               is_input: bool) -> np.ndarray:
+    """(n,) a signal of another clock, with a step `own`, at the grid points (n,)."""
+    faster, slower = step > FASTER * own, own > FASTER * step
+    if is_input:
+        return (average if faster or slower else _hold)(at, step, time, values)
+    return (low_passed if faster else _interpolate)(at, step, time, values)
+
+
 def _hold(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Zero order hold; NaN once a value is older than the bridge allows at the signal's own rate."""
-    index = np.searchsorted(time, at + 0.5 * step, side="right") - 1
-    age = at - time[np.maximum(index, 0)]
-    valid = (index >= 0) & (age <= GAP_STEPS * max(step, median_step(time)))
-    return np.where(valid, values[np.maximum(index, 0)], np.nan)
+    """Zero order hold of what acts in the middle of each step; NaN where a sample was lost."""
+    middle = at + 0.5 * step
+    index = np.searchsorted(time, middle, side="right") - 1
+    known = (index >= 0) & (middle < (time + held_for(time) + JITTER * step)[index])
+    return np.where(known, values[index], np.nan)
 
 
 def _interpolate(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Linear between neighbours that are near each other, and next to samples that are not."""
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
-    if len(time) < 2:
-        return np.full(len(at), np.nan)
     right = np.clip(np.searchsorted(time, at, side="right"), 1, len(time) - 1)
     before, after = time[right - 1], time[right]
     nearest = np.minimum(np.abs(at - before), np.abs(after - at))
     inside = (at >= time[0] - JITTER * step) & (at <= time[-1] + JITTER * step)
     near = (after - before <= (BRIDGE_STEPS + 2 * JITTER) * step) | (nearest <= 0.5 * step)
     return np.where(inside & near, np.interp(at, time, values), np.nan)
-
-
-def _convert_rates(at: np.ndarray, step: float, clocks: Mapping[str, Clock],
-                   values: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """(role -> (n,) on the grid, role -> own step of those that were faster)."""
-    placed, slowed = {}, {}
-    for role, v in values.items():
-        time = clocks[role].time
-        known = time[np.isfinite(v)]
-        own = median_step(known) if len(known) > 2 else step
-        if step > FASTER * own:
-            slowed[role] = own
-            placed[role] = (average if role in INPUTS else low_passed)(at, step, time, v)
-        else:
-            placed[role] = (_hold if role in INPUTS else _interpolate)(at, step, time, v)
-    return placed, slowed
 
 
 def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: list[Finding]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import TimeEntry
 from drivetool.logs.columns import field_at, numbers, steps_of
+from drivetool.logs.time_numbers import as_seconds, uncounted
 from drivetool.logs.units import parse_unit
 
 if TYPE_CHECKING:
@@ -59,14 +60,17 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
             ticks = _TICKS[parse_unit(unit, "time", f"the integer time column '{column}' of {log}").text]
         else:
             ticks = _TICKS[kind.unit]
-        return _from_ticks(stored.cast(pa.int64()), ticks)
+        return _from_ticks(stored.cast(pa.int64()), ticks, entry)
     try:
         seconds = numbers(table, steps, column, log)
     except BadRecording:
         raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
                            "Name another with `time:` in the channel map, or export it as time stamps.") from None
+    seconds = uncounted(seconds, entry)
     unit = _unit(column, schema, steps, entry)
-    return parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si(seconds), origin_of(schema)
+    if unit is None:
+        return as_seconds(seconds, column, log), origin_of(schema)
+    return parse_unit(unit, "time", f"time column '{column}' of {log}").to_si(seconds), origin_of(schema)
 
 
 def origin_of(schema: pa.Schema) -> float:
@@ -89,16 +93,16 @@ def _unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None)
     return (ending[1] or ending[2]) if ending else None
 
 
-def _from_ticks(column: pa.ChunkedArray, per_second: int) -> tuple[np.ndarray, float]:
+def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | None) -> tuple[np.ndarray, float]:
     """Integer time stamps, counted from the first one before they become floats."""
     import pyarrow.compute as pc
 
     if not column.null_count:
-        ticks = np.asarray(column.to_numpy(), dtype=np.int64)
+        ticks = uncounted(np.asarray(column.to_numpy(), dtype=np.int64), entry)
         return (ticks - ticks[0]) / per_second, int(ticks[0]) / per_second
     missing = np.asarray(column.is_null().to_numpy())
     ticks = np.asarray(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
-    known = ticks[~missing]
+    known = ticks[~missing] = uncounted(ticks[~missing], entry)
     first = int(known[0]) if len(known) else 0
     seconds = (ticks - first) / per_second
     seconds[missing] = np.nan

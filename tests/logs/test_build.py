@@ -120,14 +120,19 @@ def test_missing_sensor_values_stay_missing():
     assert found.segments == ((0, N),)
 
 
-def test_missing_torque_splits():
-    torque = wave()
-    torque[[100, 101, 106]] = np.nan
-    found = build_experiment(recording(motor_torque=torque, motor_speed=wave()))
-    assert found.segments == ((0, 100), (107, N))
-    assert codes(found) == ["missing-values", "torque-missing", "short-segments"]
-    for first, last in found.segments:
-        assert np.all(np.isfinite(found.signals["motor_torque"][first:last]))
+def test_a_value_that_is_missing_is_what_a_row_is_that_is_missing():
+    # Two in a row are the everyday loss and held over; three are a gap.
+    for lost, segments in ([100, 101, 106], ((0, N),)), ([100, 101, 102, 106], ((0, 100), (103, N))):
+        torque, keep = wave(), np.delete(np.arange(N), lost)
+        torque[lost] = np.nan
+        found = build_experiment(recording(motor_torque=torque, motor_speed=wave()))
+        assert found.segments == segments
+        assert "missing-values" in codes(found) and ("torque-missing" in codes(found)) == (len(segments) == 2)
+        rows = build_experiment(one_clock(keep * STEP, wave()[keep], motor_speed=wave()[keep]))
+        assert rows.segments == segments
+        for first, last in segments:
+            np.testing.assert_array_equal(rows.signals["motor_torque"][first:last],
+                                          found.signals["motor_torque"][first:last])
 
 
 def test_repeated_stamps_are_dropped():
@@ -202,7 +207,7 @@ BAD = {
               ["at least 50 samples", "found 49"]),
     "one sample": (lambda: recording(motor_torque=[1.0]), NotEnoughData, ["motor_torque", "1"]),
     "no sample": (lambda: recording(motor_torque=[]), BadRecording, ["motor_torque", "none"]),
-    "pieces": (lambda: recording(motor_torque=np.where(np.arange(N) % 9, wave(), np.nan), motor_speed=wave()),
+    "pieces": (lambda: recording(motor_torque=np.where(np.arange(N) % 12 > 2, wave(), np.nan), motor_speed=wave()),
                NotEnoughData, ["without a gap", "found 0"]),
 }
 

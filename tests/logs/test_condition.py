@@ -185,23 +185,46 @@ def test_a_faster_input_keeps_its_impulse():
     values = np.random.default_rng(1).normal(size=1000)
     found = average(np.arange(100) * 1e-3, 1e-3, fine, values)
     np.testing.assert_allclose(found, values.reshape(100, 10).mean(axis=1), rtol=1e-9, atol=1e-12)
-    values[345] = np.nan
-    assert list(np.flatnonzero(np.isnan(average(np.arange(100) * 1e-3, 1e-3, fine, values)))) == []
-    values[340:360] = np.nan
-    assert set(np.flatnonzero(np.isnan(average(np.arange(100) * 1e-3, 1e-3, fine, values)))) == {34, 35}
+    for lost, unknown in ([345], set()), (np.arange(340, 360), {34, 35}):
+        found = average(np.arange(100) * 1e-3, 1e-3, np.delete(fine, lost), np.delete(values, lost))
+        assert set(np.flatnonzero(np.isnan(found))) == unknown
 
 
-def test_rates_are_converted_in_the_experiment():
+def test_the_grid_is_that_of_the_fastest_sensor():
+    fine = np.arange(10 * N) * 1e-4
+    square, speed = np.sign(np.sin(20 * TIME)), np.sin(2 * np.pi * 5 * fine)
+    found = build_experiment(recording(motor_torque=(TIME, square, "Nm"), motor_speed=(fine, speed, "rad/s")))
+    assert codes(found) == [] and found.step == pytest.approx(1e-4)
+    np.testing.assert_array_equal(found.signals["motor_speed"], speed)
+    np.testing.assert_array_equal(found.signals["motor_torque"], np.repeat(square, 10))
+
+
+def test_a_held_command_off_the_grid_keeps_its_impulse():
+    slow = np.arange(0, N, 20) * STEP + 0.0003
+    values = np.random.default_rng(1).normal(size=len(slow))
+    found = build_experiment(recording(motor_torque=(slow, values, "Nm"),
+                                       motor_speed=(TIME, np.sin(10 * TIME), "rad/s")))
+    assert codes(found) == ["resampled", "torque-missing"] and found.step == pytest.approx(STEP)
+    assert found.findings[1].severity == "note"
+    torque = found.signals["motor_torque"]
+    first, last = found.segments[0]
+    assert (first, last) == (1, N)
+    np.testing.assert_allclose(torque[10::20], values, rtol=1e-9)
+    # Of step 20, 0.3 ms belong to the value before.
+    np.testing.assert_allclose(torque[20::20], 0.3 * values[:-1] + 0.7 * values[1:], rtol=1e-9)
+
+
+def test_a_reference_that_is_faster_is_low_passed():
     fine = np.arange(10 * N) * 1e-4
     found = build_experiment(recording(
-        motor_torque=(TIME, np.sign(np.sin(20 * TIME)), "Nm"), load_torque=(fine, np.cos(fine), "Nm"),
-        motor_speed=(fine, np.sin(2 * np.pi * 5 * fine) + np.sin(2 * np.pi * 997 * fine), "rad/s")))
-    assert codes(found) == ["anti-aliased", "resampled"]
+        motor_torque=(TIME, np.sign(np.sin(20 * TIME)), "Nm"), motor_speed=(TIME, np.cos(TIME), "rad/s"),
+        reference_speed=(fine, np.sin(2 * np.pi * 5 * fine) + np.sin(2 * np.pi * 997 * fine), "rad/s")))
+    assert codes(found) == ["anti-aliased", "resampled"] and found.step == pytest.approx(STEP)
     assert found.findings[0].evidence["cut_off"] == pytest.approx(400.0)
-    inside = np.isfinite(found.signals["motor_speed"])
+    seen = found.signals["reference_speed"]
+    inside = np.isfinite(seen)
     assert inside.sum() >= N - 22
-    np.testing.assert_allclose(found.signals["motor_speed"][inside], np.sin(10 * np.pi * TIME)[inside], atol=1e-3)
-    np.testing.assert_allclose(found.signals["load_torque"], np.cos(TIME + 0.00045), atol=1e-6)
+    np.testing.assert_allclose(seen[inside], np.sin(10 * np.pi * TIME)[inside], atol=1e-3)
 
 
 def test_repeated_values_are_told():
@@ -336,21 +359,55 @@ def test_differentiate_turns_an_angle_into_a_speed():
     assert inside.sum() == N - 4
 
 
+def parts_of(*texts, **signals):
+    """An experiment of a recording of which parts are kept or omitted."""
+    units = {"torque": "Nm", "speed": "rad/s", "angle": "rad"}
+    channels = {role: (TIME, values, units[role.rpartition("_")[2]]) for role, values in signals.items()}
+    return build_experiment(recording(**channels), None, [parse_step(text) for text in texts])
+
+
 def test_parts_that_are_kept_make_up_the_recording_and_what_is_omitted_is_gone():
-    given = experiment(motor_speed=TIME**2, motor_torque=TIME)
-    parts = [conditioned(given, "keep to=1.2"), conditioned(given, "keep from=1.2")]
-    for role, values in given.signals.items():
+    given = {"motor_speed": TIME**2, "motor_torque": TIME}
+    parts = [parts_of("keep to=1.2", **given), parts_of("keep from=1.2", **given)]
+    for role, values in given.items():
         np.testing.assert_array_equal(np.concatenate([part.signals[role] for part in parts]), values)
-    assert [part.segments for part in parts] == [((0, 1200),), ((0, 300), (300, 1800))]
+    assert [part.segments for part in parts] == [((0, 1200),), ((0, 1800),)]
     assert parts[1].start == parts[1].offset == pytest.approx(1.2)
-    left = conditioned(given, "omit from=1.2 to=1.3")
-    assert left.segments == ((0, 1200), (1300, 1500), (1500, N))
+    left = parts_of("omit from=1.2 to=1.3", **given)
+    assert left.segments == ((0, 1200), (1300, N))
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(left.signals["motor_speed"])), np.arange(1200, 1300))
+    # Less than what a lost sample bridges is left out all the same, and the motion starts anew.
+    little = parts_of("omit from=1.2 to=1.202", **given)
+    assert little.segments == ((0, 1200), (1202, N))
     # Seconds are the recording's, whatever was cut off before.
-    both = conditioned(given, "keep from=1", "omit from=1.2 to=1.3")
-    assert both.segments == ((0, 200), (300, 500), (500, 2000))
-    assert [f.text for f in conditioned(given, "keep to=1.2").findings] == [
-        "log: keep from=0 to=1.2: 1200 of 3000 samples kept."]
+    both = parts_of("keep from=1", "omit from=1.2 to=1.3", **given)
+    assert both.segments == ((0, 200), (300, 2000))
+    assert [f.text for f in parts_of("keep to=1.2", **given).findings] == [
+        "log.mcap: keep from=0 to=1.2: 1200 of 3000 samples kept."]
+
+
+def test_a_held_command_acts_on_in_a_part_that_is_kept():
+    values = np.arange(30.0)
+    log = recording(motor_torque=(TIME[::100], values, "Nm"), motor_speed=(TIME, np.sin(TIME), "rad/s"))
+    found = build_experiment(log, None, [parse_step("keep from=1.234 to=2")])
+    assert found.segments == ((0, 766),) and found.offset == pytest.approx(1.234)
+    np.testing.assert_array_equal(found.signals["motor_torque"], np.repeat(values, 100)[1234:2000])
+
+
+@pytest.mark.parametrize(("late", "parts"), [
+    (lambda time: time - 9.0, ["keep to=2.4"]),
+    (lambda time: np.full(len(time), np.nan), ["keep to=2.4", "omit from=2.4 to=9"]),
+    (lambda time: time + 1e9, ["keep to=2.4"]),
+    (lambda time: np.repeat(time[:1], len(time)), ["keep to=2.4", "omit from=2.4 to=9"]),
+])
+def test_a_part_that_is_left_out_is_not_checked(late, parts):
+    speed = np.sin(7 * TIME)
+    time = np.concatenate([TIME[:2500], late(TIME[2500:])])
+    log = recording(motor_torque=(time, torque()[1], "Nm"), motor_speed=(time, speed, "rad/s"))
+    for part in parts:
+        found = build_experiment(log, None, [parse_step(part)])
+        assert codes(found) == ["conditioned"] and found.segments == ((0, 2400),)
+        np.testing.assert_array_equal(found.signals["motor_speed"], speed[:2400])
 
 
 def test_an_inertia_is_what_it_is_beside_a_part_that_is_omitted():
@@ -359,11 +416,11 @@ def test_an_inertia_is_what_it_is_beside_a_part_that_is_omitted():
     speed += 1e-4 * np.random.default_rng(4).normal(size=N)
     speed[1400:1600] += np.linspace(0.0, 1.0, 200)  # a hand on the shaft
     speed[1600:] += 1.0
-    given = Experiment("log", "0" * 64, STEP, 0.0, {"motor_torque": torque, "motor_speed": speed}, ((0, N),))
     start = one_body("Nm", "rad").with_values({"motor.inertia": 0.4})
 
     def told(*steps):
-        lines = {p.name: p for p in greybox([conditioned(given, *steps)], start, Options()).parameters}
+        given = parts_of(*steps, motor_torque=torque, motor_speed=speed)
+        lines = {p.name: p for p in greybox([given], start, Options()).parameters}
         return lines["motor.inertia"]
 
     found = told("omit from=1.39 to=1.61")
@@ -401,7 +458,7 @@ def test_mistakes_in_a_step(text, words):
 ])
 def test_steps_that_do_not_fit_the_record(text, kind, words):
     with pytest.raises(kind) as caught:
-        conditioned(experiment(motor_torque=TIME, motor_speed=TIME), text)
+        condition(parts_of(text, motor_torque=TIME, motor_speed=TIME), [parse_step(text)])
     for word in words:
         assert word in str(caught.value)
 

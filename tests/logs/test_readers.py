@@ -261,7 +261,7 @@ def test_unit_missing_in_the_log(tmp_path):
 def test_percent_without_rated_is_refused_by_map_and_log(tmp_path):
     with pytest.raises(BadOption, match="rated value"):
         channel_map({"motor_torque": {"channel": "x", "unit": "%"}})
-    table = pa.table([pa.array(np.arange(100.0)), pa.array(np.arange(100.0))], schema=pa.schema(
+    table = pa.table([pa.array(0.01 * np.arange(100.0)), pa.array(np.arange(100.0))], schema=pa.schema(
         [pa.field("t", pa.float64()), pa.field("motor_torque", pa.float64(), metadata={"unit": "%"})]))
     pq.write_table(table, tmp_path / "a.parquet")
     with pytest.raises(BadRecording, match="rated value of motor_torque"):

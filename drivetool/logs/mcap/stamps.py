@@ -8,6 +8,7 @@ import numpy as np
 
 from drivetool.logs.channel_map import TimeEntry
 from drivetool.logs.mcap.topics import Fields
+from drivetool.logs.time_numbers import as_seconds, uncounted
 from drivetool.logs.units import parse_unit
 
 LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"
@@ -30,10 +31,11 @@ def to_ticks(columns: Sequence[np.ndarray], stamp: TimeEntry | None, fields: Fie
     ticks = columns[0]
     if stamp is None or stamp.channel in NAMED:
         return ticks
+    ticks = uncounted(ticks, stamp)
     path = fields.path(stamp.channel.removeprefix(f"{fields.name}."))
     unit = stamp.unit or (fields.unit(path) if path else None)
     if unit is None and ticks.dtype.kind == "f":
-        unit = "s"
+        return as_seconds(ticks, stamp.channel, log)
     found = parse_unit(unit, "time", f"the time field '{stamp.channel}' of {log}")
     if ticks.dtype.kind == "i":
         return ticks * _TICKS[found.text]

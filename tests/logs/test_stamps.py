@@ -1,0 +1,223 @@
+"""Time as people's logs have it: coarse stamps, counters that start again, numbers without a unit, empty rows."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivetool.drive.chain import one_body
+from drivetool.errors import BadOption, BadRecording, DriveToolError
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.logs.build import build_experiment, open_experiment
+from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.coarse_clock import restored
+from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.time_numbers import SLOWEST
+from tests.logs.test_readers import write_mcap
+
+N = 4000
+INERTIA = 0.02
+
+
+def axis(step, n=N, seed=3):
+    """(torque, speed) of one body without friction: what it does is a sum."""
+    rng = np.random.default_rng(seed)
+    torque = np.repeat(rng.uniform(-1.0, 1.0, n // 50 + 1), 50)[:n]
+    speed = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * step / INERTIA
+    return torque, speed + 0.01 * rng.standard_normal(n)
+
+
+def channel_map(roles=None, **more):
+    given = {"motor_torque": {"channel": "torque", "unit": "Nm"},
+             "motor_speed": {"channel": "speed", "unit": "rad/s"}}
+    return ChannelMap.from_mapping({"schema": SCHEMA, "roles": roles or given, **more})
+
+
+def on(torque, speed):
+    """A recording of (time, values) for both."""
+    return Recording("log.parquet", "0" * 64, {"motor_torque": Channel(*torque, "Nm"),
+                                               "motor_speed": Channel(*speed, "rad/s")})
+
+
+def codes(experiment):
+    return {f.code for f in experiment.findings}
+
+
+def inertia(experiment):
+    start = one_body("Nm", "rad").with_values({"motor.inertia": 0.01})
+    row = next(p for p in greybox([experiment], start, Options()).parameters if p.name == "motor.inertia")
+    return row.value, row.std
+
+
+# --- stamps that were cut
+
+def cut(time, resolution):
+    return np.floor(time / resolution + 1e-6) * resolution
+
+
+@pytest.mark.parametrize(("step", "resolution"), [
+    (2.5e-4, 1e-3), (1 / 3000, 1e-3), (1 / 1700, 1e-3), (1 / 900, 1e-3), (1 / 300, 1e-3), (0.02, 1.0),
+    (1e-5, 1e-4)])
+@pytest.mark.parametrize("drift", [0.0, 1e-6])
+def test_the_clock_behind_coarse_stamps(step, resolution, drift):
+    time = np.arange(N) * step * (1 + drift)
+    found, size = restored(cut(time, resolution))
+    assert size == pytest.approx(resolution, rel=1e-3)
+    assert np.ptp(found - time) < max(0.2 * step, 0.02 * resolution)
+    assert np.abs(found - time).max() < 0.6 * resolution
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32), st.integers(1, 60), st.floats(0.0, 0.4))
+def test_other_clocks_are_left_as_they_are(seed, lost, jitter):
+    rng = np.random.default_rng(seed)
+    time = np.delete(np.arange(N) * 1e-3, rng.choice(N, lost, replace=False))
+    assert restored(time) is None
+    assert restored(np.sort(time + jitter * 1e-3 * rng.standard_normal(len(time)))) is None
+
+
+def test_rows_that_were_logged_twice_are_no_faster_clock():
+    torque, speed = axis(1e-3)
+    time = np.repeat(np.arange(N) * 1e-3, 2)
+    found = build_experiment(on((time, np.repeat(torque, 2)), (time, np.repeat(speed, 2))))
+    assert found.step == pytest.approx(1e-3) and codes(found) == {"repeated-time"}
+    np.testing.assert_array_equal(found.signals["motor_speed"], speed)
+
+
+@pytest.mark.parametrize(("step", "resolution"), [(1 / 3000, 1e-3), (0.004, 0.01)])
+def test_the_inertia_of_coarse_stamps_is_that_of_whole_ones(step, resolution):
+    torque, speed = axis(step)
+    whole, coarse = (build_experiment(on((time, torque), (time, speed)))
+                     for time in (np.arange(N) * step, cut(np.arange(N) * step, resolution)))
+    assert "clock-restored" in codes(coarse) and not codes(whole)
+    np.testing.assert_allclose(inertia(coarse), inertia(whole), rtol=1e-3)
+
+
+# --- counters
+
+def counted(tmp_path, bits, unit, dtype, step=0.002, **entry):
+    torque, speed = axis(step)
+    ticks = {"us": 10**6, "ms": 10**3, "ns": 10**9}[unit]
+    counts = (np.round(np.arange(N) * step * ticks).astype(np.int64) - int(2.4 * ticks)) % 2**bits
+    pq.write_table(pa.table({"torque": torque, "speed": speed, "t": counts.astype(dtype)}), tmp_path / "a.parquet")
+    return open_experiment(tmp_path / "a.parquet", channel_map(time={"channel": "t", "unit": unit, **entry}))
+
+
+@pytest.mark.parametrize(("bits", "unit", "dtype"), [
+    (32, "us", np.uint32), (32, "us", np.float64), (32, "ns", np.uint32), (16, "ms", np.uint16)])
+def test_a_counter_that_starts_again(tmp_path, bits, unit, dtype):
+    with pytest.raises(BadRecording, match=rf"counter of 2\^{bits} {unit} makes.*wrap: {2**bits}"):
+        counted(tmp_path, bits, unit, dtype)
+    found = counted(tmp_path, bits, unit, dtype, wrap=2**bits)
+    assert found.step == pytest.approx(0.002) and found.segments == ((0, N),) and not codes(found)
+    assert inertia(found)[0] == pytest.approx(INERTIA, rel=5e-3)
+
+
+def test_a_clock_that_was_set_back_is_no_counter(tmp_path):
+    time = np.arange(N) * 0.002
+    time[2000:] -= 1.7
+    with pytest.raises(BadRecording) as caught:
+        build_experiment(on((time, axis(0.002)[0]), (time, axis(0.002)[1])))
+    assert "counter" not in str(caught.value) and "keep to=" in str(caught.value)
+
+
+def test_the_wrap_of_a_clock_is_a_number_of_counts():
+    with pytest.raises(BadOption, match="counts for wrap of time"):
+        channel_map(time={"channel": "t", "wrap": -1})
+
+
+# --- numbers without a unit
+
+def plain(tmp_path, step, **more):
+    torque, speed = axis(step)
+    pq.write_table(pa.table({"t": np.arange(N) * step, "torque": torque, "speed": speed}), tmp_path / "a.parquet")
+    return open_experiment(tmp_path / "a.parquet", channel_map(**more))
+
+
+@pytest.mark.parametrize("step", [0.25, 1.0, 20.0, 500.0])
+def test_numbers_that_may_be_milliseconds_are_no_seconds(tmp_path, step):
+    with pytest.raises(BadRecording, match=r"unit of the time channel 't' of a.parquet.*unit: ms"):
+        plain(tmp_path, step)
+    assert plain(tmp_path, step, time={"channel": "t", "unit": "ms"}).step == pytest.approx(1e-3 * step)
+
+
+def test_what_is_fast_enough_is_in_seconds(tmp_path):
+    assert plain(tmp_path, 0.5 * SLOWEST).step == pytest.approx(0.5 * SLOWEST)
+    assert plain(tmp_path, 1.0, time={"channel": "t", "unit": "s"}).step == pytest.approx(1.0)
+
+
+def test_messages_that_may_be_stamped_in_milliseconds(tmp_path):
+    torque, speed = axis(0.002)
+    write_mcap(tmp_path / "a.mcap", {"torque": torque, "speed": speed, "t": 2.0 * np.arange(N)})
+    with pytest.raises(BadRecording, match="unit of the time channel 't'"):
+        open_experiment(tmp_path / "a.mcap", channel_map(time="t"))
+
+
+# --- rows and messages without a value
+
+def joined(every, late):
+    """Two tables joined on time: each row has the values of one, NaN in the place of the other's."""
+    torque, speed = axis(0.002)
+    time, other = np.arange(N) * 0.002, np.arange(0, N, every) * 0.002 + late
+    stamps = np.concatenate([time, other])
+    order = np.argsort(stamps, kind="stable")
+    nothing = np.full(len(other), np.nan)
+    return stamps[order], np.concatenate([torque, nothing])[order], np.concatenate([speed, nothing])[order]
+
+
+@pytest.mark.parametrize(("every", "late"), [(1, 0.001), (1, 0.0007), (7, 0.0), (250, 3e-4), (3, 0.0007)])
+def test_rows_without_a_value_are_no_samples(every, late):
+    time, torque, speed = joined(every, late)
+    found = build_experiment(on((time, torque), (time, speed)))
+    alone = build_experiment(on((np.arange(N) * 0.002, axis(0.002)[0]), (np.arange(N) * 0.002, axis(0.002)[1])))
+    assert not codes(found) and found.segments == alone.segments and found.step == alone.step
+    for role, values in alone.signals.items():
+        np.testing.assert_array_equal(found.signals[role], values)
+
+
+def test_tables_of_two_rates_joined_on_time():
+    torque, speed = axis(0.002)
+    commands = torque[::50]  # held, and logged at 10 Hz only
+    time = np.arange(N) * 0.002
+    column = np.full(N, np.nan)
+    column[::50] = commands
+    found = build_experiment(on((time, column), (time, speed)))
+    whole = build_experiment(on((time, torque), (time, speed)))
+    assert not codes(found)
+    np.testing.assert_array_equal(found.signals["motor_torque"], whole.signals["motor_torque"])
+
+
+def test_zeros_that_a_writer_leaves_out(tmp_path):
+    torque, speed = axis(0.002)
+    torque = np.where(np.arange(N) // 100 % 3 == 0, 0.0, torque)
+    speed = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * 0.002 / INERTIA
+    column = np.where(torque == 0.0, np.nan, torque)
+    pq.write_table(pa.table({"time": np.arange(N) * 0.002, "torque": column, "speed": speed}),
+                   tmp_path / "a.parquet")
+    found = open_experiment(tmp_path / "a.parquet", channel_map())
+    told = next(f for f in found.findings if f.code == "missing-values")
+    assert told.evidence["samples"] == np.isnan(column).sum() and "absent: 0" in told.action
+    assert len(found.segments) > 5
+    roles = {"motor_torque": {"channel": "torque", "unit": "Nm", "absent": 0},
+             "motor_speed": {"channel": "speed", "unit": "rad/s"}}
+    zeros = open_experiment(tmp_path / "a.parquet", channel_map(roles))
+    assert not codes(zeros)
+    np.testing.assert_array_equal(zeros.signals["motor_torque"], torque)
+
+
+def test_an_infinite_value_is_a_sample_that_failed():
+    torque, speed = axis(0.002)
+    speed[[100, 2000]] = np.inf
+    time = np.arange(N) * 0.002
+    found = build_experiment(on((time, torque), (time, speed)))
+    told = next(f for f in found.findings if f.code == "missing-values")
+    assert told.evidence["samples"] == 2 and np.isnan(found.signals["motor_speed"][[100, 2000]]).all()
+
+
+def test_no_row_with_a_value(tmp_path):
+    time = np.arange(N) * 0.002
+    with pytest.raises(DriveToolError, match="values of motor_torque"):
+        build_experiment(on((time, np.full(N, np.nan)), (time, axis(0.002)[1])))
