@@ -113,7 +113,7 @@ CODES = {
         "The name of a channel in the channel map fits several channels of the log.",
         "Write the full name of the channel into the channel map."),
     "short-segments": Code(
-        NOTE,
+        NOTE_OR_WARNING,
         "Segments of fewer than ten samples are left out, since no model can be judged over them.",
         "Nothing, unless much of the recording is lost; then check the recorder."),
     "sparse-sensor": Code(
@@ -146,15 +146,26 @@ CODES = {
         "A speed and the differentiated angle of the same body have opposite signs.",
         "Set `sign: -1` for one of the two in the channel map."),
     "torque-missing": Code(
-        WARNING,
+        NOTE_OR_WARNING,
         "The input torque has no value at some samples. The recording is cut into segments there, since a model "
         "cannot run without its input.",
         "Check the recorder."),
+    "unsupported-samples": Code(
+        WARNING,
+        "Single samples of a motion lie eight standard deviations and more from all of their neighbours: drops to "
+        "zero of a bus that answers late, or outliers. What has mass does not move like that. Physical models are "
+        "fitted without those samples; spectra and polynomial models take them as they are.",
+        "Check the sensor and its bus. `--condition despike` replaces such samples for every step."),
     "unusual-units": Code(
         WARNING,
         "The torque is a force while the motion is an angle, or the other way round. The estimated inertias then "
         "have a mixed unit.",
         "Check the units of both channels."),
+    "value-wraps": Code(
+        WARNING,
+        "A torque or a speed jumps by the range of its register, 2^8 to 2^32 counts. Negative numbers that were "
+        "read as unsigned do that, and counters that start again. The jumps are left in.",
+        "Set `wrap` for this role in the channel map to that range; then the jumps are undone."),
     "wrap-unsure": Code(
         WARNING,
         "An angle with the stated `wrap` moves by almost half its range between neighbouring samples, so the "

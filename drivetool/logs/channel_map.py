@@ -68,7 +68,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sign     -1 turns the channel round
     rated    what 100 % is
     per_rev  counts per revolution, for the unit `counts`
-    wrap     the raw value at which the channel starts again, such as 65536 or 360; unwrapped first
+    wrap     the raw value at which the channel starts again, such as 65536 or 360; undone first
     absent   the raw value of a message or row without one: 0 where a writer leaves zeros out
     time     the clock of this channel, if it is not the map's
     shift    seconds added to its time stamps
@@ -219,9 +219,6 @@ def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -
     if entry.per_rev is not None and unit.dimension != COUNTS:
         raise error(f"the unit counts for {role}, which has per_rev", f"'{unit.text}'",
                     "Write `unit: counts`, or leave per_rev out.")
-    if entry.wrap is not None and ROLES[role] != "angle":
-        raise error(f"wrap for an angle or a position only, {role} is a {ROLES[role]}", f"{entry.wrap:g}",
-                    "Leave it out.")
 
 
 def resolve(name: str, available: Iterable[str]) -> str | None:

@@ -79,7 +79,7 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
 
 def _restored(time: np.ndarray, values: Sequence[np.ndarray],
               without: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """See coarse_clock; stamps without a value tell a coarse clock from one that lacks samples at regular places."""
+    """See coarse_clock; stamps without a value tell a coarse clock from one that regularly lacks samples."""
     found = restored(time, values)
     if found is None or not len(without):
         return found

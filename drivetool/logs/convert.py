@@ -11,7 +11,7 @@ from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.experiment import ROLES, Channel, Recording
 from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
-from drivetool.logs.wrap import looks_wrapped, unwrap
+from drivetool.logs.wrap import looks_unsigned, looks_wrapped, unwrap
 
 # What no drive reaches, in any unit, and whose square is still a number.
 BEYOND = 1e100
@@ -90,6 +90,8 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
         values, findings = unwrap(values, entry.wrap, role)
     elif ROLES[role] == "angle":
         findings = looks_wrapped(values, role, unit.text)
+    else:
+        findings = looks_unsigned(values, role)
     if entry.scale != 1.0:
         values = entry.scale * values
     if entry.offset != 0.0:

@@ -24,7 +24,7 @@ def despiked(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tup
     if len(known) < 2 * half + 1:
         return values, spikes
     given = values[known]
-    median, spread = _running(given, half)
+    median, spread = running(given, half)
     away = np.abs(given - median)
     # On a ramp a sample is often its own median; second differences see the noise there too.
     rough = np.median(np.abs(np.diff(given, 2))) / np.sqrt(6)
@@ -38,7 +38,7 @@ def despiked(values: np.ndarray, window: int = 7, threshold: float = 5.0) -> tup
     return values, spikes
 
 
-def _running(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
+def running(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
     """(running median, median absolute deviation from it in the window), ends mirrored."""
     padded = np.pad(values, half, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)

@@ -14,8 +14,8 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.logs.clock import median_step
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import INPUTS, Experiment
-from drivetool.logs.spikes import held, quantum
+from drivetool.logs.experiment import INPUTS, ROLES, Experiment
+from drivetool.logs.spikes import MAD, despiked, held, quantum, running
 
 LEAST, ENOUGH = 50, 100_000  # samples that tell anything, and that tell whether a sensor is coarse
 STRAIGHT = 0.45  # share of the samples that must lie on the line between their neighbours
@@ -24,6 +24,10 @@ REGULAR = 0.9  # share of the pieces of line that must be of one length
 # of the time stamps that it was drawn over.
 NEAR, NEAR_SINGLE = 1e-11, 1e-6
 CUT, RUN = 0.005, 4  # share of the samples at one end of the range, and how many there in a row, that are no chance
+# Standard deviations beyond which a sample of noise is not met in a year of recording at 10 kHz (1.3e-15 each).
+UNSUPPORTED = 8.0
+WINDOW = 7  # samples that a median is taken of: three bad ones do not carry it away
+AROUND = 50  # samples before and behind, that tell the noise there
 NOISY = 0.1  # share of the samples at which a signal with noise turns back, at least
 
 
@@ -45,7 +49,7 @@ def _looked_at(role: str, values: np.ndarray, time: np.ndarray) -> tuple[np.ndar
     """(the values (n,), unmeasured ones missing; what was found)."""
     findings = []
     if np.isfinite(values).sum() >= LEAST:
-        for look in (_repeated, _interpolated, _cut_off):
+        for look in (_repeated, _interpolated, _cut_off, _unsupported):
             missing, found = look(role, values, time)
             values[missing] = np.nan
             findings += found
@@ -116,6 +120,54 @@ def _cut_off(role: str, values: np.ndarray, _: np.ndarray) -> Look:
             {"role": role, "limit": float(end), "share": float(there.mean())},
             "Widen the range of the sensor or of its channel."))
     return missing, findings
+
+
+def _unsupported(role: str, values: np.ndarray, _: np.ndarray) -> Look:
+    """Single samples of a motion that no neighbour supports: what has mass does not jump there and back."""
+    missing = np.zeros(len(values), bool)
+    if ROLES[role] == "torque":  # that of a shaft may: a gap that closes makes a peak of one sample
+        return missing, []
+    known = np.flatnonzero(np.isfinite(values))
+    given = values[known]
+    alone = _alone(given)
+    if not alone.any():
+        return missing, []
+    value, count = _usual_value(given[alone])
+    dropped = count > 1 and count >= 0.5 * alone.sum()
+    if dropped and not _steps(given[~alone]):
+        # A signal with noise has no value twice; where it has this one, the sensor had none.
+        alone |= given == value
+    missing[known[alone]] = True
+    share = 100.0 * missing.sum() / len(known)
+    what = f"drops to exactly {value:.6g}" if dropped else "has outliers"
+    return missing, [Finding(
+        "warning", "unsupported-samples", f"{role} {what}: {missing.sum()} samples ({share:.2g} %) are "
+        f"{UNSUPPORTED:g} standard deviations and more from all that is near them. Physical models are fitted "
+        "without those.", {"role": role, "samples": int(missing.sum()), "of": len(known)},
+        "Check the sensor and its bus for values that come late.")]
+
+
+def _alone(values: np.ndarray) -> np.ndarray:
+    """(n,) whether a sample stands out of the noise around it, and neither of its neighbours with it."""
+    _, away = despiked(values, WINDOW, UNSUPPORTED)
+    away[:WINDOW] = away[-WINDOW:] = False  # at an end, motion that goes on stands out as well
+    off = values - running(values, WINDOW // 2)[0]
+    least = 0.5 * quantum(values)  # noise that a coarse sensor may hide
+    calm, alone = np.where(away, 0.0, off), np.zeros(len(values), bool)
+    for k in np.flatnonzero(away):
+        near = slice(max(k - AROUND, 0), k + AROUND)
+        rough = np.abs(np.diff(values[near][~away[near]], 2)) / np.sqrt(6)
+        noise = max(MAD * np.median(np.abs(calm[near])), MAD * np.median(rough), least)
+        # The neighbours of a peak that was measured go at least half as far.
+        side = max(calm[k - 1] * np.sign(off[k]), calm[k + 1] * np.sign(off[k]))
+        alone[k] = abs(off[k]) > UNSUPPORTED * noise and side < 0.5 * abs(off[k])
+    return alone
+
+
+def _usual_value(values: np.ndarray) -> tuple[float, int]:
+    """The value that appears most often, and how often."""
+    each, counts = np.unique(values, return_counts=True)
+    return float(each[counts.argmax()]), int(counts.max())
 
 
 def _steps(values: np.ndarray) -> bool:

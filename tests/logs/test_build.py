@@ -135,6 +135,16 @@ def test_a_value_that_is_missing_is_what_a_row_is_that_is_missing():
                                           found.signals["motor_torque"][first:last])
 
 
+@pytest.mark.parametrize(("torn", "severity"), [(100, "note"), (900, "warning")])
+def test_a_warning_says_where_most_of_a_record_is_left_out(torn, severity):
+    n = 1200
+    there = (np.arange(n) % 13 < 9) | (np.arange(n) >= torn)  # pieces of 9 samples, and a whole rest
+    found = build_experiment(recording(motor_torque=np.where(there, wave(n), np.nan), motor_speed=wave(n)))
+    told = next(f for f in found.findings if f.code == "short-segments")
+    used = sum(b - a for a, b in found.segments)
+    assert told.severity == severity and told.evidence["samples"] + used == told.evidence["of"]
+
+
 def test_repeated_stamps_are_dropped():
     time = np.insert(np.arange(N) * STEP, 40, 0.039)
     values = np.insert(wave(), 40, 99.0)
