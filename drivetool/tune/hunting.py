@@ -139,6 +139,8 @@ def _kicked(loop: Loop, settings: Settings, name: str, speed: float, load: float
                   size * unit) if hunts else Cycle(name, False, kick=size * unit)
     shown = 15.0 / frequency if hunts and frequency else 8.0 / -rates.real.max()
     shown = first[:max(200, int(shown / step))]
+    ahead = loop.direct * loop.of_reference(loop.wiring.motors[0], settings) * speed
+    shown = shown + np.array([0.0, 0.0, ahead, 0.0])
     return Watch(cycle, np.arange(len(shown)) * step, *shown.T)
 
 

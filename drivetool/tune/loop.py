@@ -69,6 +69,7 @@ class Loop:
 
     drive    at its working point; given: as it was handed over
     rows     signal -> row over the state
+    direct   share of its command that a motor's torque follows at once
     command  (channels, n): what a command of each channel does; used for the speed reference
     """
 
@@ -80,6 +81,7 @@ class Loop:
     a_integral: np.ndarray
     a_second: np.ndarray
     b: np.ndarray
+    direct: float
     rows: Mapping[str, np.ndarray] = field(default_factory=dict)
     command: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -108,17 +110,23 @@ class Loop:
 
     def outputs(self, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
                 second: np.ndarray) -> np.ndarray:
-        """(m, ny, n) rows of signals; only a torque without a path depends on the settings, each (m,)."""
+        """(m, ny, n) rows of signals; only a torque that follows its command at once depends on the settings."""
         found = np.empty((len(gain), len(names), len(self.a)))
         for k, name in enumerate(names):
-            if name in self.rows:
-                found[:, k] = self.rows[name]
-            else:
-                found[:, k] = self.commanded(name.removesuffix("_torque"), gain, integral_time, second)
+            found[:, k] = self.rows[name]
+            motor = name.removesuffix("_torque")
+            if self.direct and motor in self.wiring.motors:
+                found[:, k] += self.direct * self.commanded(motor, gain, integral_time, second)
         return found
 
+    def of_reference(self, motor: str, settings: Settings) -> float:
+        """What a speed reference of one adds to the command of a motor at once."""
+        if motor == self.wiring.motors[0] or self.wiring.configuration == "siso":
+            return settings.gain
+        return settings.gain * settings.second if self.wiring.configuration == "miso" else 0.0
+
     def commanded(self, motor: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """(m, n) what the controller asks of a motor at a speed reference of zero; without a path, its torque."""
+        """(m, n) what the controller asks of a motor at a speed reference of zero."""
         motor, kind = self.wiring.motors.index(motor), self.wiring.configuration
         integral, speed = np.eye(len(self.a))[-1], self.rows["measured_speed"]
         if motor and kind == "mimo":
@@ -198,14 +206,11 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
         second = np.outer(entry[1], -rows["measured_speed"])
     if wiring.configuration == "mimo":
         a += SHARE * np.outer(entry[1], rows["shaft_torque"])
-    if npath:  # without a path the torque is the command and depends on the settings
-        for k, motor in enumerate(wiring.motors):
-            row = np.zeros(n)
-            at = nm + min(k, nc - 1) * npath
-            row[at:at + npath] = path[2]
-            rows[f"{motor}_torque"] = row
-    return Loop(drive, given, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], rows,
-                np.array(entry))
+    for k, motor in enumerate(wiring.motors):
+        at = nm + min(k, nc - 1) * npath
+        rows[f"{motor}_torque"] = np.r_[np.zeros(at), path[2], np.zeros(n - at - npath)]
+    return Loop(drive, given, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], path[3],
+                rows, np.array(entry))
 
 
 def bare(drive: Drive) -> Drive:

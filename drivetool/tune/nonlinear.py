@@ -74,6 +74,7 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     per_unit = np.linalg.solve(inner, -a[nm:-1, -1]) if len(inner) else np.zeros(0)
     rows = _torque_rows(loop, settings)
     zero = rows @ np.r_[state[:nm], at_zero, 0.0]
+    zero += loop.direct * speed * np.array([loop.of_reference(m, settings) for m in loop.wiring.motors])
     slope = rows @ np.r_[np.zeros(nm), per_unit, 1.0]
     share = (torque - zero.sum()) / slope.sum() if slope.sum() else 0.0
     state[nm:-1] = at_zero + share * per_unit

@@ -93,7 +93,7 @@ def _simulate(loop: Loop, settings: Settings, inputs: np.ndarray, start: np.ndar
     if experiment.torque_is == "command":
         torque = states @ loop.commanded(motor, *one)[0] + settings.gain * inputs[:, 0]
     else:
-        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0]
+        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0] + loop.direct * settings.gain * inputs[:, 0]
     if not all(np.isfinite(states[-1])):
         raise BadRecording("a loop that stays finite", "an unstable one with these gains",
                            "Check that the gains belong to this drive.")
