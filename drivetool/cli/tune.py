@@ -54,7 +54,11 @@ Configuration = Annotated[list[str] | None, _option(
 Motors = Annotated[str | None, _option(
     "--motors", metavar="NAMES", help="Driven bodies, separated by commas. Default: those called motor...")]
 Filter = Annotated[str | None, _option(
-    "--speed-filter", metavar="TIME", help="Time constant of the speed measurement's filter: '2 ms'.")]
+    "--speed-filter", metavar="TIME", help="Time constant of the controller's filter of the speed: '2 ms'. It "
+    "stands in series with the sensor.bandwidth of the parameter file.")]
+Speed = Annotated[str | None, _option(
+    "--speed", metavar="SPEED", help="Working speed of the first motor, at which friction is linearised: "
+    "'1500 rpm'. Default: slow motion forward.")]
 DeadTime = Annotated[Form, _option(
     "--dead-time", help="exact, or zero: the printed 1 - s td/2 of Tallfors 2005, half the delay.")]
 Confidence = Annotated[float | None, _option(
@@ -68,7 +72,8 @@ def command(
     params: Params, converter: Converter = None, criterion: Criterion = "IAE",
     max_sensitivity: Sensitivity = 2.0, max_gain: MaxGain = None, weight: Weight = None,
     configuration: Configuration = None, motors: Motors = None, speed_filter: Filter = None,
-    dead_time: DeadTime = Form.exact, confidence: Confidence = None, draws: DrawCount = 200, map: Map = None,
+    speed: Speed = None, dead_time: DeadTime = Form.exact, confidence: Confidence = None,
+    draws: DrawCount = 200, map: Map = None,
     set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
@@ -80,7 +85,8 @@ def command(
         "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,
         "weight": list(weight or ()), "converter": converter,
         "configuration": list(configuration or ()), "motors": motors,
-        "speed_filter": speed_filter, "dead_time": dead_time.value, "confidence": confidence, "draws": draws,
+        "speed_filter": speed_filter, "speed": speed, "dead_time": dead_time.value,
+        "confidence": confidence, "draws": draws,
         "seed": seed, "set": list(set or ()), "per_unit": per_unit}
     guarded("tune", lambda: run(job, words), debug, quiet)
 
@@ -116,7 +122,7 @@ def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -
             "ratings for per-unit figures", "none in the parameter files",
             "Add 'ratings: {torque: {value: 100, unit: Nm}, speed: {value: 1500, unit: rpm}}' to one.")
     wait = words["speed_filter"]
-    gain = words["max_gain"]
+    gain, speed = words["max_gain"], words["speed"]
     return TuneOptions(
         criterion=criterion(str(words["criterion"]), _weights(words["weight"])),
         limits=Limits(float(words["max_sensitivity"]),
@@ -124,6 +130,7 @@ def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -
         configurations=_configurations(words["configuration"]),
         motors=tuple(m.strip() for m in words["motors"].split(",")) if words["motors"] else None,
         speed_filter=loaded.speed_filter if wait is None else _time(wait),
+        speed=0.0 if speed is None else _speed(speed, drive),
         dead_time=words["dead_time"], shaft_torque=_shaft_torque(job, loaded), confidence=words["confidence"],
         draws=words["draws"], seed=words["seed"], known=loaded.covariance(drive), stds=loaded.stds(drive),
         ratings=rated and Ratings(*rated))
@@ -179,6 +186,17 @@ def _time(text: object) -> float:
     value = _number(text, "s", "--speed-filter")
     if not 0.0 <= value < 1e3:
         raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
+    return value
+
+
+def _speed(text: object, drive: Drive) -> float:
+    """A working speed in the drive's unit."""
+    from drivetool.errors import BadOption
+
+    unit = f"{drive.motion_unit}/s"
+    value = _number(text, unit, "--speed")
+    if not abs(value) < 1e6:
+        raise BadOption("a working speed after --speed", f"{value:g} {unit}", "Correct it.")
     return value
 
 

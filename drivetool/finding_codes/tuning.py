@@ -13,6 +13,11 @@ CODES = {
         "The parameter file states standard deviations without a covariance for some parameters. These are drawn "
         "independently, which overstates or understates the spread of the figures.",
         "Use the file of an estimator, which states the covariance."),
+    "friction-at-standstill": Code(
+        NOTE_OR_WARNING,
+        "Friction whose slope depends on the speed is linearised at slow motion, where quadratic drag and Stribeck "
+        "friction have none. Stribeck friction falls with speed further up, which destabilises: a warning.",
+        "Give the working speed with `--speed`."),
     "gap-may-cycle": Code(
         NOTE,
         "By its describing function a gap acts like a softer shaft, and the loop is unstable for one of these "
@@ -41,11 +46,22 @@ CODES = {
         NOTE,
         "The parameter file states no uncertainty. How the figures of the loop spread is not known.",
         "Use the parameter file of an estimator."),
+    "not-in-loop": Code(
+        NOTE,
+        "Some parameters of the file are not in the speed loop: disturbances such as ripple and load steps, "
+        "friction that fades while the drive warms up, and values of single recordings. The text names each with "
+        "its reason.",
+        "Where one matters to the controller, give what it comes to with `--set`."),
     "spread-is-partial": Code(
         NOTE,
         "Some parameters that shape the loop have no stated uncertainty. The spread of the figures leaves them "
         "out and is too small.",
         "Look at the variations, which change one parameter at a time."),
+    "two-speed-filters": Code(
+        NOTE,
+        "The parameter file has a filter of the speed sensor (`sensor.bandwidth`), and the controller has a speed "
+        "filter of its own. The loop has both in series.",
+        "If both are one and the same, leave one of them out."),
     "unphysical-draws": Code(
         NOTE_OR_WARNING,
         "Draws from the parameter covariance lie beyond a physical bound and are left out, as where an inertia is "

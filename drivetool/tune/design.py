@@ -65,7 +65,7 @@ def tune(drive: Drive, options: TuneOptions, draw_pictures: bool = False) -> Gai
         raise BadParameters("standard deviations or a covariance for a design with --confidence",
                             "none in the parameter file", "Use a file that an estimator wrote, or leave it out.")
     designs = tuple(_design(drive, wiring, options, draws) for wiring in counted("designs", chosen, len(chosen)))
-    findings = (*notes, *remarks.uncertainty(drive, options, covariance, draws),
+    findings = (*notes, *remarks.of_loop(drive, options), *remarks.uncertainty(drive, options, covariance, draws),
                 *(f for each in designs for f in remarks.of_design(drive, each, options)))
     gains = Gains(drive, designs, options, remarks.outcome(drive, designs, options), findings)
     return replace(gains, exhibits=pictures(gains, draws)) if draw_pictures else gains
@@ -87,7 +87,7 @@ def wirings(drive: Drive, options: TuneOptions) -> tuple[tuple[Wiring, ...], tup
                 "or leave mimo out.")
         wanted = tuple(each for each in wanted if each != "mimo")
         notes = (remarks.mimo_left_out(),)
-    found = tuple(Wiring(each, motors, options.speed_filter, options.dead_time) for each in wanted)
+    found = tuple(Wiring(each, motors, options.speed_filter, options.dead_time, options.speed) for each in wanted)
     for wiring in found:
         check_wiring(drive, wiring)
     return found, notes

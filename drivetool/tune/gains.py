@@ -33,7 +33,8 @@ class TuneOptions:
     criterion        what is minimised; limits: what must hold
     configurations   wanted; None: siso for one motor, for two all that can be built
     motors           driven bodies; None: those whose name begins with motor
-    speed_filter     of the speed measurement [s]
+    speed_filter     of the controller, behind the sensor's own filter [s]
+    speed            of the first motor at the working point [drive's unit]
     dead_time        form of the dead time, see loop.Wiring
     shaft_torque     whether the torque in the last shaft is measured, which mimo needs
     confidence       share of the draws in which the sensitivity limit must hold; None: nominal
@@ -47,6 +48,7 @@ class TuneOptions:
     configurations: tuple[Configuration, ...] | None = None
     motors: tuple[str, ...] | None = None
     speed_filter: float = 0.0
+    speed: float = 0.0
     dead_time: DeadTimeForm = "exact"
     shaft_torque: bool = False
     confidence: float | None = None

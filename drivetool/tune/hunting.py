@@ -69,22 +69,23 @@ def watch(loop: Loop, settings: Settings) -> tuple[Watch, ...]:
         return ()
     if loop.wiring.configuration == "mimo" and has_gap(loop.drive):
         return ()
-    unit = _unit(loop)
-    carried, standstill = idle_load(loop), any((loop.drive.value(f"{b}.coulomb") or 0.0) for b in loop.drive.bodies)
-    situations = [(FREE, 200.0 * unit, -carried)]
-    if carried:
-        situations.append(("no load torque but the idle torque, moving", 200.0 * unit, 0.0))
-    if standstill:
-        situations.append(("at standstill", 0.0, 0.0))
-    return tuple(_situation(loop, settings, name, speed, load, unit) for name, speed, load in situations)
+    unit, idle, still = _unit(loop), idle_load(loop), loop.at(0.0)
+    speed = loop.wiring.speed or 200.0 * unit
+    free = -idle - _viscous(loop) * speed / loop.drive.turns()[-1]
+    situations = [(loop, FREE, speed, free)]
+    if idle:
+        situations.append((loop, "no load torque but the idle torque, moving", speed, 0.0))
+    if any((still.drive.value(f"{b}.coulomb") or 0.0) for b in still.drive.bodies):
+        situations.append((still, "at standstill", 0.0, 0.0))
+    return tuple(_situation(own, settings, name, at, load, unit) for own, name, at, load in situations)
 
 
 def idle_load(loop: Loop) -> float:
-    """Torque in the last shaft when the load turns forward slowly with no load torque."""
+    """Constant torque in the last shaft when the load turns at the working point with no load torque."""
     plain = Assembly(loop.drive, Layout((), (MOTOR,), (), 1.0, gradient=False))
     last = len(loop.drive.bodies) - 1
     coulomb = loop.drive.value(f"{loop.drive.bodies[-1]}.coulomb") or 0.0
-    return float(plain.of_body(last, "idle_torque").v + coulomb)
+    return float(plain.of_body(last, "idle_torque").v + np.copysign(coulomb, loop.wiring.speed))
 
 
 def _unit(loop: Loop) -> float:
@@ -99,8 +100,6 @@ def _unit(loop: Loop) -> float:
 
 def _situation(loop: Loop, settings: Settings, name: str, speed: float, load: float, unit: float) -> Watch:
     """Kick ever softer until a cycle remains; without one, show a kick of middle size."""
-    if name == FREE:
-        load -= _viscous(loop) * speed / loop.drive.turns()[-1]
     found = []
     for size in KICKS:
         found.append(_kicked(loop, settings, name, speed, load, unit, size))
@@ -140,6 +139,8 @@ def _kicked(loop: Loop, settings: Settings, name: str, speed: float, load: float
                   size * unit) if hunts else Cycle(name, False, kick=size * unit)
     shown = 15.0 / frequency if hunts and frequency else 8.0 / -rates.real.max()
     shown = first[:max(200, int(shown / step))]
+    ahead = loop.direct * loop.of_reference(loop.wiring.motors[0], settings) * speed
+    shown = shown + np.array([0.0, 0.0, ahead, 0.0])
     return Watch(cycle, np.arange(len(shown)) * step, *shown.T)
 
 

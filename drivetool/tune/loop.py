@@ -1,6 +1,7 @@
 """The speed loop around a drive: a state space that is affine in the controller's settings.
 
-Deviations from steady running, contact closed. One motor: u = Kp (1 + 1/(s Ti)) (reference - speed).
+Deviations from steady running (see working_point.py), contact closed.
+One motor: u = Kp (1 + 1/(s Ti)) (reference - speed).
 Two motors on one chain (Tallfors 2005, ch. 4), all judging by the speed of the first:
 
     siso  one controller commands both
@@ -20,9 +21,11 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.drive.linearise import MOTOR, closed, state_space
 from drivetool.errors import BadParameters
+from drivetool.tune.working_point import at_working_point
 
 Configuration = Literal["siso", "miso", "mimo"]
 DeadTimeForm = Literal["exact", "zero"]
+StateSpace = tuple[np.ndarray, np.ndarray, np.ndarray, float]  # (A, b, c, d)
 PADE = 5  # order of the dead time in time responses; frequency responses have it exact
 SHARE = 0.5  # of the shaft torque that the second motor takes over
 
@@ -33,15 +36,18 @@ class Wiring:
 
     configuration  see the module
     motors         bodies with a motor of their own, the first one measured
-    speed_filter   time constant of the speed measurement's first-order filter [s]
+    speed_filter   time constant of the controller's first-order filter of the speed [s], behind the
+                   sensor's own (sensor.*)
     dead_time      "exact": e^(-s td); "zero": the printed 1 - s td/2 (Tallfors 2005, 2.3), which
                    is half the delay with a rising gain
+    speed          of the first motor at the working point [drive's unit]; zero: slow, forward
     """
 
     configuration: Configuration = "siso"
     motors: tuple[str, ...] = ("motor",)
     speed_filter: float = 0.0
     dead_time: DeadTimeForm = "exact"
+    speed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -61,19 +67,27 @@ class Settings:
 class Loop:
     """dx/dt = (a + Kp a_gain + Kp/Ti a_integral + Kp K a_second) x + b load torque.
 
+    drive    at its working point; given: as it was handed over
     rows     signal -> row over the state
+    direct   share of its command that a motor's torque follows at once
     command  (channels, n): what a command of each channel does; used for the speed reference
     """
 
     drive: Drive
+    given: Drive
     wiring: Wiring
     a: np.ndarray
     a_gain: np.ndarray
     a_integral: np.ndarray
     a_second: np.ndarray
     b: np.ndarray
+    direct: float
     rows: Mapping[str, np.ndarray] = field(default_factory=dict)
     command: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def at(self, speed: float) -> Loop:
+        """The same loop at another working speed."""
+        return build(self.given, replace(self.wiring, speed=speed))
 
     def reference(self, settings: Settings) -> np.ndarray:
         """(n,) what a speed reference does: dx/dt = ... + this times reference."""
@@ -96,17 +110,23 @@ class Loop:
 
     def outputs(self, names: Sequence[str], gain: np.ndarray, integral_time: np.ndarray,
                 second: np.ndarray) -> np.ndarray:
-        """(m, ny, n) rows of signals; only a torque without a path depends on the settings, each (m,)."""
+        """(m, ny, n) rows of signals; only a torque that follows its command at once depends on the settings."""
         found = np.empty((len(gain), len(names), len(self.a)))
         for k, name in enumerate(names):
-            if name in self.rows:
-                found[:, k] = self.rows[name]
-            else:
-                found[:, k] = self.commanded(name.removesuffix("_torque"), gain, integral_time, second)
+            found[:, k] = self.rows[name]
+            motor = name.removesuffix("_torque")
+            if self.direct and motor in self.wiring.motors:
+                found[:, k] += self.direct * self.commanded(motor, gain, integral_time, second)
         return found
 
+    def of_reference(self, motor: str, settings: Settings) -> float:
+        """What a speed reference of one adds to the command of a motor at once."""
+        if motor == self.wiring.motors[0] or self.wiring.configuration == "siso":
+            return settings.gain
+        return settings.gain * settings.second if self.wiring.configuration == "miso" else 0.0
+
     def commanded(self, motor: str, gain: np.ndarray, integral_time: np.ndarray, second: np.ndarray) -> np.ndarray:
-        """(m, n) what the controller asks of a motor at a speed reference of zero; without a path, its torque."""
+        """(m, n) what the controller asks of a motor at a speed reference of zero."""
         motor, kind = self.wiring.motors.index(motor), self.wiring.configuration
         integral, speed = np.eye(len(self.a))[-1], self.rows["measured_speed"]
         if motor and kind == "mimo":
@@ -145,26 +165,30 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
     """The loop around a drive.
 
     drive    all inertias and stiffnesses known; its gap and Coulomb friction are left out
-    returns  Loop, with rows motor_speed, load_speed, measured_speed, shaft_torque (of the last
-             shaft), and <motor>_torque, the torque of each motor
-    raises   BadParameters: a value is missing, see also `check_wiring`
+    returns  Loop, with rows motor_speed, load_speed, logged_speed (behind the sensor's filter), measured_speed
+             (behind the controller's, too), shaft_torque (of the last shaft), and <motor>_torque of each motor
+    raises   BadParameters: a value is missing, see also `check_wiring` and `at_working_point`
     source   Tallfors 2005, (2.1) to (2.4) and ch. 4
     """
     check_wiring(drive, wiring)
     drive.require(drive.missing(), "a controller")
+    given, drive = drive, at_working_point(drive, wiring.speed)
     a_m, b_m = mechanics(drive, wiring)
-    path = torque_path(drive, wiring)
+    path, sensor = torque_path(drive, wiring), lag(drive, "sensor").states()
+    reading = _series(sensor, Lag(_inverse(wiring.speed_filter), order=1).states())
     nm, npath, nc = len(a_m), len(path[0]), channels(wiring)
-    filtered = wiring.speed_filter > 0.0
-    n = nm + nc * npath + filtered + 1
+    n = nm + nc * npath + len(reading[0]) + 1
     a, integral = np.zeros((n, n)), n - 1
     a[:nm, :nm] = a_m
     rows = {"motor_speed": np.eye(n)[0], "load_speed": np.eye(n)[len(drive.bodies) - 1]}
-    rows["measured_speed"] = np.eye(n)[n - 2] if filtered else rows["motor_speed"]
     if drive.shafts:
         rows["shaft_torque"] = np.r_[shaft_torque_row(drive), np.zeros(n - nm)]
-    if filtered:
-        a[n - 2] = (rows["motor_speed"] - rows["measured_speed"]) / wiring.speed_filter
+    read = slice(integral - len(reading[0]), integral)
+    a[read, read] = reading[0]
+    a[read] += np.outer(reading[1], rows["motor_speed"])
+    for name, (_, _, c, d) in (("logged_speed", sensor), ("measured_speed", reading)):
+        rows[name] = d * rows["motor_speed"]
+        rows[name][read.start:read.start + len(c)] = c
     a[integral] = -rows["measured_speed"]
     by_channel = _columns(b_m, wiring)
     entry = []  # where a command of each channel goes
@@ -182,14 +206,17 @@ def build(drive: Drive, wiring: Wiring) -> Loop:
         second = np.outer(entry[1], -rows["measured_speed"])
     if wiring.configuration == "mimo":
         a += SHARE * np.outer(entry[1], rows["shaft_torque"])
-    if npath:  # without a path the torque is the command and depends on the settings
-        for k, motor in enumerate(wiring.motors):
-            row = np.zeros(n)
-            at = nm + min(k, nc - 1) * npath
-            row[at:at + npath] = path[2]
-            rows[f"{motor}_torque"] = row
-    return Loop(drive, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], rows,
-                np.array(entry))
+    for k, motor in enumerate(wiring.motors):
+        at = nm + min(k, nc - 1) * npath
+        rows[f"{motor}_torque"] = np.r_[np.zeros(at), path[2], np.zeros(n - at - npath)]
+    return Loop(drive, given, wiring, a, gain, integral_part, second, np.r_[b_m[:, -1], np.zeros(n - nm)], path[3],
+                rows, np.array(entry))
+
+
+def bare(drive: Drive) -> Drive:
+    """The chain alone, without torque path and sensor."""
+    return replace(drive, values={
+        k: v for k, v in drive.values.items() if not k.startswith(("converter.", "sensor."))})
 
 
 def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
@@ -197,43 +224,86 @@ def mechanics(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray]:
 
     The last input is the load torque.
     """
-    plain = replace(closed(drive), values={
-        k: v for k, v in closed(drive).values.items() if not k.startswith("converter.")})
     roles = (MOTOR, *(f"{m}_torque" for m in wiring.motors[1:]), "load_torque")
-    a, b, _, _ = state_space(plain, roles)
+    a, b, _, _ = state_space(bare(closed(drive)), roles)
     return a, b
 
 
-def torque_path(drive: Drive, wiring: Wiring) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+@dataclass(frozen=True)
+class Lag:
+    """A low-pass of first or second order: states for time responses, its response over frequency.
+
+    bandwidth  [rad/s], infinite: no lag; damping: ratio, of order 2
+    """
+
+    bandwidth: float
+    damping: float = 1.0
+    order: int = 2
+
+    @property
+    def time(self) -> float:
+        """Delay of slow signals [s]."""
+        return (1.0 if self.order == 1 else 2.0 * self.damping) / self.bandwidth
+
+    def response(self, s: np.ndarray) -> np.ndarray:
+        """(n,) over s (n,)."""
+        p = s / self.bandwidth
+        return 1.0 / (1.0 + p if self.order == 1 else p**2 + 2.0 * self.damping * p + 1.0)
+
+    def states(self, ahead: float = 0.0) -> StateSpace:
+        """(A, b, c, d) of the lag times 1 + s ahead; no state without a lag."""
+        w, zeta = self.bandwidth, self.damping
+        if not np.isfinite(w):
+            return _nothing()
+        if self.order == 1:  # y + ahead y', with y' = w (u - y)
+            one = np.ones(1)
+            return -w * np.eye(1), w * one, (1.0 - ahead * w) * one, ahead * w
+        return (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]),
+                0.0)
+
+
+def lag(drive: Drive, owner: Literal["converter", "sensor"]) -> Lag:
+    """The lag of the torque path or of the speed sensor.
+
+    raises  BadParameters: an order that is not 1 or 2
+    """
+    w, zeta, order = (drive.value(f"{owner}.{k}") for k in ("bandwidth", "damping", "order"))
+    if order not in (1.0, 2.0):
+        raise BadParameters(f"{owner}.order of 1 or 2", f"{order:g}", "Correct it.")
+    return Lag(np.inf if w is None else w, zeta, int(order))
+
+
+def torque_path(drive: Drive, wiring: Wiring) -> StateSpace:
     """(A, b, c, d) from torque command to torque: dead time, then the converter's lag."""
-    w, zeta, order, late = converter(drive)
-    dead = _pade(late) if wiring.dead_time == "exact" else _nothing()
-    if not np.isfinite(w):
-        if wiring.dead_time == "zero" and late:
-            raise BadParameters("a converter bandwidth for the printed dead time", "none",
-                                "Give converter.bandwidth, or use --dead-time exact.")
-        return dead
-    ahead = -late / 2.0 if wiring.dead_time == "zero" else 0.0
-    if order == 1:  # T + ahead T', with T' = w (u - T)
-        one = np.ones(1)
-        lag = (-w * np.eye(1), w * one, (1.0 - ahead * w) * one, ahead * w)
-    else:
-        lag = (np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([0.0, w * w]), np.array([1.0, ahead]),
-               0.0)
-    return _series(dead, lag)
-
-
-def converter(drive: Drive) -> tuple[float, float, int, float]:
-    """(bandwidth [rad/s] or infinite, damping ratio, order of the lag, dead time [s])."""
-    w, zeta, order, late = (drive.value(f"converter.{k}") for k in ("bandwidth", "damping", "order", "dead_time"))
-    return (np.inf if w is None else w), zeta, int(order), late or 0.0
+    own, late = lag(drive, "converter"), drive.value("converter.dead_time")
+    if wiring.dead_time == "exact":
+        return _series(_pade(late), own.states())
+    if late and not np.isfinite(own.bandwidth):
+        raise BadParameters("a converter bandwidth for the printed dead time", "none",
+                            "Give converter.bandwidth, or use --dead-time exact.")
+    return own.states(-late / 2.0)
 
 
 def path_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
-    """(n,) response from command to torque, the dead time exact, and of the speed filter."""
-    w, zeta, order, late = converter(drive)
-    lag = 1.0 / (1.0 + s / w if order == 1 else (s / w) ** 2 + 2.0 * zeta * s / w + 1.0)
-    return lag * (np.exp(-s * late) if wiring.dead_time == "exact" else 1.0 - s * late / 2.0)
+    """(n,) response from command to torque, the dead time exact."""
+    late = drive.value("converter.dead_time")
+    return lag(drive, "converter").response(s) * (
+        np.exp(-s * late) if wiring.dead_time == "exact" else 1.0 - s * late / 2.0)
+
+
+def sensor_response(drive: Drive, wiring: Wiring, s: np.ndarray) -> np.ndarray:
+    """(n,) response from motor speed to what the controller reads: the sensor's filter, then its own."""
+    return lag(drive, "sensor").response(s) / (1.0 + s * wiring.speed_filter)
+
+
+def lag_time(drive: Drive, wiring: Wiring) -> float:
+    """Delay of slow signals by everything in the loop but the drive itself [s]."""
+    return (drive.value("converter.dead_time") + wiring.speed_filter + lag(drive, "converter").time
+            + lag(drive, "sensor").time)
+
+
+def _inverse(time: float) -> float:
+    return 1.0 / time if time else np.inf
 
 
 def _columns(b: np.ndarray, wiring: Wiring) -> np.ndarray:
@@ -252,11 +322,11 @@ def shaft_torque_row(drive: Drive) -> np.ndarray:
     return row
 
 
-def _nothing() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _nothing() -> StateSpace:
     return np.zeros((0, 0)), np.zeros(0), np.zeros(0), 1.0
 
 
-def _pade(late: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def _pade(late: float) -> StateSpace:
     """State space of the diagonal Pade approximant of e^(-s late), time scaled so that it is well conditioned."""
     if not late:
         return _nothing()
@@ -271,7 +341,7 @@ def _pade(late: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     return a / late, np.eye(m)[-1] / late, (numerator - d * c)[:-1], float(d)
 
 
-def _series(first, then):
+def _series(first: StateSpace, then: StateSpace) -> StateSpace:
     """The second system fed by the first."""
     if not len(first[0]):
         a, b, c, d = then

@@ -7,7 +7,6 @@ too: the controller's states are further states of the piecewise affine system.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,8 @@ from drivetool.drive.chain import Drive
 from drivetool.drive.linearise import MOTOR
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.drive.system import System
-from drivetool.tune.loop import Loop, Settings, mechanics
+from drivetool.tune.loop import Loop, Settings, bare, mechanics
+from drivetool.tune.working_point import carried
 
 REFERENCE, LOAD = 0, 1  # columns of the inputs
 
@@ -54,22 +54,13 @@ def moving(loop: Loop, settings: Settings, speed: float, load: float = 0.0) -> n
     The torque through each shaft decides on which side its gap is closed; without any, the middle.
     """
     drive, n = loop.drive, len(loop.drive.bodies)
-    speeds = speed / np.cumprod([1.0, *(drive.value(f"{s}.ratio") for s in drive.shafts)])
     state = np.zeros(len(loop.a))
-    state[:n] = speeds
-    wanted = load
-    torque = np.zeros(n)
-    plain = Assembly(drive, Layout((), (MOTOR,), (), 1.0, gradient=False))
-    for k, body in enumerate(drive.bodies):
-        coulomb = (drive.value(f"{body}.coulomb") or 0.0) * np.sign(speeds[k])
-        torque[k] = plain.of_body(k, "viscous").v * speeds[k] + plain.of_body(k, "idle_torque").v + coulomb
-    for k in range(n - 2, -1, -1):  # from the load inwards: what each shaft has to carry
-        wanted += torque[k + 1]
-        shaft = drive.shafts[k]
+    state[:n] = speed / np.array(drive.turns())
+    shafts, torque = carried(drive, speed, load, float(np.sign(speed)))
+    for k, (shaft, wanted) in enumerate(zip(drive.shafts, shafts, strict=True)):
         half = drive.value(f"{shaft}.half_gap") or 0.0
         state[n + k] = wanted / drive.value(f"{shaft}.stiffness") + half * np.sign(wanted)
-        wanted /= drive.value(f"{shaft}.ratio")
-    return _with_controller(loop, settings, state, speed, wanted + torque[0])
+    return _with_controller(loop, settings, state, speed, torque)
 
 
 def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: float, torque: float) -> np.ndarray:
@@ -83,6 +74,7 @@ def _with_controller(loop: Loop, settings: Settings, state: np.ndarray, speed: f
     per_unit = np.linalg.solve(inner, -a[nm:-1, -1]) if len(inner) else np.zeros(0)
     rows = _torque_rows(loop, settings)
     zero = rows @ np.r_[state[:nm], at_zero, 0.0]
+    zero += loop.direct * speed * np.array([loop.of_reference(m, settings) for m in loop.wiring.motors])
     slope = rows @ np.r_[np.zeros(nm), per_unit, 1.0]
     share = (torque - zero.sum()) / slope.sum() if slope.sum() else 0.0
     state[nm:-1] = at_zero + share * per_unit
@@ -98,9 +90,7 @@ def _torque_rows(loop: Loop, settings: Settings) -> np.ndarray:
 
 def _system(loop: Loop, settings: Settings, step: float, outputs: tuple[str, ...]) -> System:
     """The drive's own system with the controller's states behind its own."""
-    drive = replace(loop.drive, values={
-        k: v for k, v in loop.drive.values.items() if not k.startswith("converter.")})
-    plain = Assembly(drive, Layout((), (MOTOR, "load_torque"), outputs, step, gradient=False)).system()
+    plain = Assembly(bare(loop.drive), Layout((), (MOTOR, "load_torque"), outputs, step, gradient=False)).system()
     nm, n = plain.nx, len(loop.a)
     closed = loop.matrix(settings)
     control = closed[:nm].copy()

@@ -10,6 +10,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.scenarios import Draws
+from drivetool.tune.working_point import FLAT, acting, left_out
 
 if TYPE_CHECKING:
     from drivetool.tune.gains import Design, TuneOptions
@@ -42,6 +43,34 @@ def mimo_left_out() -> Finding:
     return Finding("note", "mimo-left-out",
                    "The configuration with shaft-torque feedback was left out, as no shaft torque is measured.",
                    {}, "Name its channel as shaft_torque in a channel map and give it with --map.")
+
+
+def of_loop(drive: Drive, options: TuneOptions) -> list[Finding]:
+    """What of the drive is not in the loop, or is there in a way that a person may not expect."""
+    found = []
+    if reasons := left_out(drive):
+        named = "; ".join(f"{', '.join(names)} ({reason})" for reason, names in reasons.items())
+        found.append(Finding(
+            "note", "not-in-loop", f"The loop leaves out {named}.",
+            {"parameters": sum(map(len, reasons.values()))},
+            "Where one matters to the controller, give what it comes to with --set."))
+    codes = acting(drive)
+    flat = [name for code in FLAT for name in codes.get(code, ())]
+    if flat and options.speed == 0.0:
+        falls = "stribeck" in codes
+        found.append(Finding(
+            "warning" if falls else "note", "friction-at-standstill",
+            f"{', '.join(flat)} {'have' if len(flat) > 1 else 'has'} no slope at the working point, which is slow "
+            "motion" + ("; around the Stribeck speed the friction falls with speed, which destabilises." if falls
+                        else "; at higher speed the drag damps more."),
+            {"parameters": len(flat)}, "Give the working speed with --speed."))
+    if options.speed_filter > 0.0 and "speed-filter" in codes:
+        found.append(Finding(
+            "note", "two-speed-filters",
+            "The loop has two filters of the speed in series: sensor.bandwidth of the parameter file, and the "
+            "speed filter of the controller.", {"time_constant": options.speed_filter},
+            "If both are one and the same, leave one of them out."))
+    return found
 
 
 def uncertainty(drive: Drive, options: TuneOptions, covariance: Covariance | None,

@@ -38,6 +38,7 @@ class LoopReplay:
 def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> LoopReplay:
     """Simulate the closed loop under the load torque of a record.
 
+    loop        linearised anew at the record's own speed
     experiment  load_torque that steps, and motor_speed; what else was measured is compared too. The
                 speed reference is taken as constant, as the mean motor speed before the first step
     raises      BadRecording: a role is missing; NotEnoughData: no step after steady running
@@ -55,6 +56,7 @@ def replay_load_step(loop: Loop, settings: Settings, experiment: Experiment) -> 
             "Record a load step at constant speed reference, with some time before it.")
     reference = float(np.nanmean(speed[:begin]))
     before = float(np.mean(load[:begin]))
+    loop = loop.at(reference)
     simulated = _simulate(loop, settings, np.column_stack([np.full(len(load), reference), load]),
                           moving(loop, settings, reference, before), experiment)
     measured = {role: experiment.signals[role][first:last] for role in COMPARED
@@ -91,9 +93,10 @@ def _simulate(loop: Loop, settings: Settings, inputs: np.ndarray, start: np.ndar
     if experiment.torque_is == "command":
         torque = states @ loop.commanded(motor, *one)[0] + settings.gain * inputs[:, 0]
     else:
-        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0]
+        torque = states @ loop.outputs([f"{motor}_torque"], *one)[0, 0] + loop.direct * settings.gain * inputs[:, 0]
     if not all(np.isfinite(states[-1])):
         raise BadRecording("a loop that stays finite", "an unstable one with these gains",
                            "Check that the gains belong to this drive.")
     n = len(loop.drive.bodies)
-    return {"motor_speed": states[:, 0], "load_speed": states[:, n - 1], "motor_torque": torque}
+    return {"motor_speed": states @ loop.rows["logged_speed"], "load_speed": states[:, n - 1],
+            "motor_torque": torque}

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from drivetool.errors import BadParameters
 from drivetool.tune.criteria import Criterion, values
-from drivetool.tune.loop import Loop, Settings, converter
+from drivetool.tune.loop import Loop, Settings, lag_time
 from drivetool.tune.sensitivity import Plant, forbidden, max_sensitivity, plant, refined, speeds_of
 
 TIMES, SECONDS, POSITIONS = 56, 14, 11  # grid: integral times, K of a second controller, gains
@@ -322,8 +322,7 @@ def check_finite(task: Task) -> None:
 
     raises  BadParameters: no lag, no dead time, no filter
     """
-    w, _, _, late = converter(task.loop.drive)
-    if not np.isfinite(w) and late == 0.0 and task.loop.wiring.speed_filter == 0.0:
+    if lag_time(task.loop.drive, task.loop.wiring) == 0.0:
         raise BadParameters(
             "a converter bandwidth or dead time, or a speed filter", "none of them",
             "Without one any gain would be stable. Give --converter BANDWIDTH,DAMPING,DEAD_TIME.")

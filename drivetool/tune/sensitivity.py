@@ -18,11 +18,13 @@ from drivetool.tune.loop import (
     SHARE,
     Settings,
     Wiring,
-    converter,
+    lag_time,
     mechanics,
     path_response,
+    sensor_response,
     shaft_torque_row,
 )
+from drivetool.tune.working_point import at_working_point
 
 PER_DECADE = 90  # frequencies of the grid, apart from those around resonances
 
@@ -67,7 +69,7 @@ def _responses(plant: Plant) -> tuple[np.ndarray, np.ndarray]:
     states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(
         b[:, :-1].astype(complex), (len(s), len(a), b.shape[1] - 1)))
     path = path_response(drive, wiring, s)
-    read = path / (1.0 + s * wiring.speed_filter)
+    read = path * sensor_response(drive, wiring, s)
     speeds = states[:, 0, :]
     if wiring.configuration == "siso":
         return read * speeds.sum(axis=1), np.zeros_like(s)
@@ -84,15 +86,15 @@ def speeds_of(drive: Drive, wiring: Wiring) -> tuple[float, float]:
     The fastest follows from all lags in the loop, or the highest resonance; the slowest from the
     lowest resonance, or the lags if there is none.
     """
-    w, zeta, order, late = converter(drive)
-    lag = late + wiring.speed_filter + (1.0 if order == 1 else 2.0 * zeta) / w
+    lag = lag_time(drive, wiring)
     ringing = [2.0 * np.pi * mode.frequency_hz for mode in resonances(drive)]
     rates = ringing + ([1.0 / lag] if lag > 0.0 else [])
     return min(rates, default=1.0), max(rates, default=1.0)
 
 
 def plant(drive: Drive, wiring: Wiring) -> Plant:
-    """The plant on a grid that is fine where resonances and anti-resonances are."""
+    """The plant at its working point, on a grid that is fine where resonances and anti-resonances are."""
+    drive = at_working_point(drive, wiring.speed)
     slow, fast = speeds_of(drive, wiring)
     low, high = slow / 3e3, fast * 60.0
     grid = [np.geomspace(low, high, int(PER_DECADE * np.log10(high / low)))]

@@ -106,8 +106,8 @@ def test_pictures(folder, call, monkeypatch):
 def test_options_reach_the_design(folder, call):
     (folder / "bare.yaml").write_text("schema: drivetool/parameters/1\nparameters: {motor.inertia: 20, "
                                       "load.inertia: 80, shaft.stiffness: 224e3, shaft.damping: 224}\n")
-    words = ["tune", "-p", "bare.yaml", "--converter", "433 rad/s,0.69,2 ms", "--criterion", "ISE",
-             "--max-sensitivity", 1.7, "--weight", "motor_speed=0.5", "--dead-time", "zero",
+    words = ["tune", "-p", "bare.yaml", "--speed", "300 rpm", "--converter", "433 rad/s,0.69,2 ms",
+             "--criterion", "ISE", "--max-sensitivity", 1.7, "--weight", "motor_speed=0.5", "--dead-time", "zero",
              "--max-gain", "2 kNm s/rad", "--speed-filter", "1 ms", "--set", "load.inertia=70"]
     code, out, _ = call(*words)
     content = yaml.safe_load(out)
@@ -116,6 +116,7 @@ def test_options_reach_the_design(folder, call):
     (design,) = content["designs"]
     assert design["dead_time_form"] == "zero" and design["speed_filter"]["value"] == 0.001
     assert design["margins"]["max_sensitivity"] <= 1.7 + 1e-6 and design["spread"] is None
+    assert content["options"]["speed"] == "300 rpm"
     assert content["options"]["set"] == ["load.inertia=70"] and design["criterion_value"]["unit"] == "weighted"
 
 
@@ -199,6 +200,10 @@ WRONG = {
                    "standard deviations or a covariance"),
     "confidence range": (["tune", "-p", "drive.yaml", "--confidence", "95"], 2, "between 0 and 1"),
     "filter": (["tune", "-p", "drive.yaml", "--speed-filter", "-1"], 2, "filter time of zero or more"),
+    "speed": (["tune", "-p", "drive.yaml", "--speed", "fast"], 2, "a number after --speed"),
+    "speed too high": (["tune", "-p", "drive.yaml", "--speed", "1e7"], 2, "a working speed after --speed"),
+    "sensor order": (["tune", "-p", "drive.yaml", "--set", "sensor.order=1.5"], 1, "sensor.order of 1 or 2"),
+    "no such sensor": (["tune", "-p", "drive.yaml", "--set", "sensor.delay=0.001"], 2, "'sensor.delay'"),
     "non-physical": (["tune", "-p", "drive.yaml", "--set", "shaft.stiffness=-5"], 2, "shaft.stiffness between"),
     "non-physical file": (["tune", "-p", "bad.yaml"], 1, "motor.inertia between"),
     "missing": (["tune", "-p", "ratings.yaml"], 1, "motor.inertia, load.inertia, shaft.stiffness"),
