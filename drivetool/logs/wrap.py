@@ -90,7 +90,7 @@ def looks_unsigned(values: np.ndarray, role: str) -> list[Finding]:
         return []
     return [Finding(
         "warning", "value-wraps",
-        f"{role} jumps {int(jumps.sum())} times by about {size:g}, the range of {bits} bits, as a negative number does "
-        "that is read as unsigned, or a counter that starts again; nothing was undone.",
+        f"{role} jumps {int(jumps.sum())} times by about {size:g}, the range of {bits} bits, as a negative number "
+        "does that is read as unsigned, or a counter that starts again; nothing was undone.",
         {"role": role, "jumps": int(jumps.sum()), "size": size},
         f"Set `wrap: {size:.0f}` for it in the channel map.")]
