@@ -30,7 +30,7 @@ def to_ticks(columns: Sequence[np.ndarray], stamp: TimeEntry | None, fields: Fie
     ticks = columns[0]
     if stamp is None or stamp.channel in NAMED:
         return ticks
-    path = fields.path(stamp.channel.removeprefix(f"{fields.name}."))
+    path = fields.path(fields.own(stamp.channel))
     unit = stamp.unit or (fields.unit(path) if path else None)
     if unit is None and ticks.dtype.kind == "f":
         unit = "s"
