@@ -124,8 +124,8 @@ WITHOUT_INDEX = [{"summary": "none"}, {"summary": "wrong"}, {"end": False}]
 @pytest.mark.parametrize("more", WITHOUT_INDEX, ids=str)
 def test_without_an_index_reading_goes_on_with_the_next_chunk(read, layout, more):
     # The length of the data inside the chunk is still there.
-    check(read(build(log(**layout), stretched=[2], **more)), without(), "a broken record at byte ",
-          "reading goes on with the chunk at byte ")
+    check(read(build(log(**layout), stretched=[2], **more)), without(), "(broken records at byte ",
+          "reading goes on with the next chunk")
 
 
 def chunk_starts(raw):
@@ -176,6 +176,22 @@ def test_chunks_behind_a_smashed_head_are_found_by_their_look(read, layout, more
     # A chunk with a wrong length is only seen where reading stops, so not behind another one.
     lost = chunks if not itself else [2] if (head, chunks) == ("length 2^40", [1, 2]) else []
     check(read(smashed(build(log(**layout), **more), chunks, first, content)), without(*lost), "")
+
+
+@pytest.mark.parametrize("layout", PACKINGS, ids=str)
+@pytest.mark.parametrize("more", [{}, *WITHOUT_INDEX], ids=str)
+def test_a_length_that_leads_over_the_next_chunk_loses_no_message(read, layout, more):
+    raw = build(log(**layout), **more)
+    starts = chunk_starts(raw)
+    check(read(smashed(raw, [1], 1, struct.pack("<Q", starts[3] + 50 - starts[1]))), without(), "broken record")
+
+
+def test_a_file_with_many_broken_places_gives_one_short_sentence(read):
+    given = replace(log(), groups=[[entry] for group in log().groups for entry in group])
+    raw = build(given, summary="none")
+    found = read(smashed(raw, range(1, N, 2), 0, b"\0"))
+    check(found, list(range(0, N, 2)), " and further on, reading goes on with the next chunk each time")
+    assert len(found.findings[0].text) < 300
 
 
 def test_a_length_that_leads_into_a_chunk_gives_no_message_twice(read):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -40,12 +41,17 @@ def recover(walked: Records, summary: Summary) -> tuple[Records, list[str]]:
         records, damage = _by_index(walked, summary.chunk_indexes, missing)
     else:
         records, damage = (walked, []) if summary.chunk_indexes else _by_look(walked)
-    end, left = records.end, len(walked.data) - records.end
-    if left == len(MAGIC) and records.data[end:].tobytes() == MAGIC:
+    if _closed(records):
         return records, damage
+    end, left = records.end, len(walked.data) - records.end
     return _with_cut(records, end, len(walked.data)), [
         *damage, f"it stops within a record at byte {end}, {left} bytes before its end" if left
         else "it has no end mark, as if the recorder was stopped hard"]
+
+
+def _closed(records: Records) -> bool:
+    """Whether the records go on up to the end mark."""
+    return len(records.data) - records.end == len(MAGIC) and records.data[records.end:].tobytes() == MAGIC
 
 
 def _has(walked: Records, each: ChunkIndex) -> bool:
@@ -93,11 +99,13 @@ def _by_index(walked: Records, index: list[ChunkIndex], missing: list[ChunkIndex
 def _by_look(walked: Records) -> tuple[Records, list[str]]:
     """The records, and those from the next place on that looks like a chunk, as often as reading stops."""
     parts, damage = [walked], []
-    while (start := _next_chunk(walked.data, parts[-1].end + 1)) is not None:
-        end = parts[-1].end
-        damage.append(f"a broken record at byte {end}, reading goes on with the chunk at byte {start}")
-        parts[-1] = _with_cut(parts[-1], end, start)
+    while not _closed(parts[-1]) and (start := _next_chunk(walked.data, _doubtful(parts[-1]))) is not None:
+        parts[-1] = _with_cut(parts[-1], parts[-1].end, start)
         parts.append(walk(walked.data, start))
+    if len(parts) > 1:
+        places = [str(part.end) for part in parts[:-1]]
+        damage = [f"broken records at byte {', '.join(places[:3])}{' and further on' * (len(places) > 3)}, reading "
+                  "goes on with the next chunk each time"]
     others = {at: record for part in parts for at, record in part.others.items()}
     for at, (code, content) in others.items():
         if code not in (CHUNK, CUT_CHUNK) and _is_chunk(walked.data, at - RECORD_HEAD):
@@ -107,6 +115,19 @@ def _by_look(walked: Records) -> tuple[Records, list[str]]:
         return walked, []
     return Records(walked.data, np.concatenate([part.starts for part in parts]),
                    np.concatenate([part.lengths for part in parts]), others, parts[-1].end), damage
+
+
+def _doubtful(part: Records) -> int:
+    """From where on a chunk may have been missed: the end of the last one by the length of its data.
+
+    The length of its record may be wrong, and lead the walk over other chunks to where it stopped.
+    """
+    at = max((at for at, (code, _) in part.others.items() if code == CHUNK), default=None)
+    if at is not None:
+        with suppress(*DAMAGED):
+            chunk = parse(Chunk, part.others[at][1])
+            return min(part.end + 1, at - RECORD_HEAD + _FIXED + len(chunk.compression) + len(chunk.data))
+    return part.end + 1
 
 
 def _with_cut(records: Records, end: int, until: int) -> Records:
@@ -135,9 +156,10 @@ def _is_chunk(data: np.ndarray, start: int) -> bool:
     """Whether the record at `start` has the lengths and the packing of a chunk, whatever its kind says."""
     if start + _FIXED > len(data):
         return False
-    whole = RECORD_HEAD + _LENGTH.unpack_from(data, start + 1)[0]
-    name = next((name for name in PACKINGS if data[start + _NAME - 4:start + _NAME + len(name)].tobytes()
-                 == _SIZE.pack(len(name)) + name.encode()), None)
-    if name is None or start + whole > len(data) or whole < _FIXED + len(name):
+    size = _SIZE.unpack_from(data, start + _NAME - 4)[0]
+    if size > max(map(len, PACKINGS)) or start + _FIXED + size > len(data):
         return False
-    return _LENGTH.unpack_from(data, start + _NAME + len(name))[0] == whole - _FIXED - len(name)
+    whole = RECORD_HEAD + _LENGTH.unpack_from(data, start + 1)[0]
+    inside = _LENGTH.unpack_from(data, start + _NAME + size)[0]
+    name = data[start + _NAME:start + _NAME + size].tobytes()
+    return name in [each.encode() for each in PACKINGS] and whole == _FIXED + size + inside <= len(data) - start
