@@ -158,9 +158,11 @@ HEADS = {"kind 0": (0, b"\0", True, False), "kind of a message": (0, b"\5", True
 @pytest.mark.parametrize("head", HEADS)
 def test_chunks_behind_a_smashed_head_are_found_by_the_index(read, layout, chunks, head):
     first, content, itself, _ = HEADS[head]
-    found = read(smashed(build(log(**layout)), chunks, first, content))
+    raw = build(log(**layout))
+    found = read(smashed(raw, chunks, first, content))
     kept = without(*([] if itself else chunks))
-    check(found, kept, "a broken record at byte " if itself else "a chunk with a broken head")
+    check(found, kept, f"a broken record at byte {chunk_starts(raw)[chunks[0]]}, " if itself
+          else "a chunk with a broken head")
     recorded = {} if itself else {"recorded": N}
     assert found.findings[0].evidence == {"messages": len(kept), **recorded,
                                           "places": found.findings[0].evidence["places"]}

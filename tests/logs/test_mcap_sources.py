@@ -91,6 +91,7 @@ SEVERAL = {
     "a single message among the others": (messages(), messages(OTHER, [60])),
     "the same values at other times, without a common sequence": (
         messages(), messages(late=300_000, publish=300_000, first=7)),
+    "all logged at one instant": tuple([(START, *m[1:]) for m in sent] for sent in (messages(), messages(OTHER))),
     "a constant sequence": ([(*m[:2], 0, m[3]) for m in messages()],
                             [(*m[:2], 0, m[3]) for m in messages(late=5, publish=5)]),
 }

@@ -64,7 +64,7 @@ def _by_index(walked: Records, index: list[ChunkIndex], missing: list[ChunkIndex
     """The records with the missing chunks of the index, where their heads say what the index says.
 
     A wrong length may lead the walk into a chunk that is not packed, and its messages would be read twice.
-    So what was met inside a chunk of the index is left out.
+    So the messages met inside a chunk of the index are left out.
     """
     view, found = memoryview(walked.data), {}
     for each in missing:
@@ -80,20 +80,13 @@ def _by_index(walked: Records, index: list[ChunkIndex], missing: list[ChunkIndex
     if not found:
         return walked, damage
     damage.insert(0, f"a broken record at byte {lost}, chunks found from there on by the index: {len(found)}")
-    bounds = {each.chunk_start_offset + RECORD_HEAD: each.chunk_start_offset + each.chunk_length
-              for each in index if each.chunk_start_offset + RECORD_HEAD in found or _has(walked, each)}
-    first, last = np.sort(np.array([*bounds.items()], np.int64), axis=0).T
-
-    def outside(at: np.ndarray) -> np.ndarray:
-        return np.searchsorted(first, at, "right") == np.searchsorted(last, at, "right")
-
-    apart = outside(np.array([*walked.others], np.int64))
-    others = {at: record for (at, record), free in zip(walked.others.items(), apart, strict=True)
-              if free or at in bounds}
-    keep = outside(walked.starts)
+    bounds = [(each.chunk_start_offset + RECORD_HEAD, each.chunk_start_offset + each.chunk_length)
+              for each in index if each.chunk_start_offset + RECORD_HEAD in found or _has(walked, each)]
+    first, last = np.sort(np.array(bounds, np.int64), axis=0).T
+    keep = np.searchsorted(first, walked.starts, "right") == np.searchsorted(last, walked.starts, "right")
     # The index stands at the end of the file, so reading came that far.
     return Records(walked.data, walked.starts[keep], walked.lengths[keep],
-                   dict(sorted((others | found).items())), len(view) - len(MAGIC)), damage
+                   dict(sorted((walked.others | found).items())), len(view) - len(MAGIC)), damage
 
 
 def _by_look(walked: Records) -> tuple[Records, list[str]]:
