@@ -145,6 +145,11 @@ CODES = {
         WARNING,
         "A speed and the differentiated angle of the same body have opposite signs.",
         "Set `sign: -1` for one of the two in the channel map."),
+    "topic-recorded-twice": Code(
+        WARNING,
+        "Two channels of an MCAP topic hold the same messages, byte for byte, as from two recorders. The one with "
+        "more messages is used.",
+        "Check whether two recorders ran; record once."),
     "torque-missing": Code(
         NOTE_OR_WARNING,
         "The input torque has no value at some samples. The recording is cut into segments there, since a model "

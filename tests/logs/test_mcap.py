@@ -21,6 +21,7 @@ from drivetool.logs.mcap.source import Source
 from drivetool.logs.mcap.topics import open_topic
 from drivetool.logs.read import read_recording
 from tests import encodings
+from tests.mcap_bytes import Log, build
 
 START, STEP = 1_700_000_000_999_000_123, 400_000
 ROLES = {"motor_torque": {"channel": "torque", "unit": "Nm"}, "motor_speed": {"channel": "speed", "unit": "rad/s"}}
@@ -203,6 +204,37 @@ def test_unknown_encodings_are_told(tmp_path):
     with pytest.raises(BadRecording, match=r"only /drive \(encoding cdr with schema encoding ros2idl, not ros2msg"):
         read_recording(path)
     assert everything(path).unreadable == {"/drive": "encoding cdr with schema encoding ros2idl, not ros2msg"}
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+@pytest.mark.parametrize("definition", [b"", b" \n", b"# of the bridge\nint8 MOST=3\n"])
+@pytest.mark.parametrize("beside", [False, True])
+def test_an_empty_definition_is_told(tmp_path, encoding, definition, beside):
+    name, kind, _, _, texts = encodings.encoded(encoding, encodings.rows(60, STEP, START))
+    log = Log([(name, kind, definition), ("std/Empty", kind, b"")],
+              [("/drive", encoding, 1, {}), ("/event", encoding, 2, {}), ("/other", "json", 0, {})],
+              [[(1, START + k * STEP, 0, text) for k, text in enumerate(texts)],
+               [(2, START, 0, b"\0\1\0\0\0" if encoding == "cdr" else b"")],
+               [(3, START, 0, b'{"x": 1}')]][:2 + beside])
+    (tmp_path / "a.mcap").write_bytes(build(log))
+    why = f"the definition of its schema {name} is empty"
+    assert everything(tmp_path / "a.mcap").unreadable == {"/drive": why}  # a type without fields is no fault
+    with pytest.raises(BadRecording) as problem:
+        read_recording(tmp_path / "a.mcap", channel_map())
+    assert f"/drive ({why})" in problem.value.found
+    assert problem.value.available == (("/other.x",) if beside else ())
+
+
+@pytest.mark.parametrize("kind", ["ros2idl", "omgidl"])
+def test_definitions_in_idl_are_refused_by_name_beside_the_channels_there_are(tmp_path, kind):
+    log = Log([("plant/msg/Drive", kind, b"module plant { struct Drive { double torque; }; };")],
+              [("/drive", "cdr", 1, {}), ("/other", "json", 0, {})],
+              [[(1, START, 0, bytes(12))], [(2, START, 0, b'{"x": 1}')]])
+    (tmp_path / "a.mcap").write_bytes(build(log))
+    with pytest.raises(BadRecording) as problem:
+        read_recording(tmp_path / "a.mcap", channel_map({"motor_torque": "/drive.torque"}))
+    assert f"/drive (encoding cdr with schema encoding {kind}, not ros2msg)" in problem.value.found
+    assert problem.value.available == ("/other.x",)
 
 
 def test_schema_without_the_field_lists_those_there_are(tmp_path):

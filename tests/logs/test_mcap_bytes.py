@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from drivetool.errors import BadRecording
 from drivetool.logs.read import read_recording
-from tests.mcap_bytes import Log, build
+from tests.mcap_bytes import CHUNK, MAGIC, Log, build
 
 START, STEP, CHUNKS, EACH = 1_700_000_000_000_000_000, 1_000_000, 5, 12
 N = CHUNKS * EACH
@@ -117,10 +117,99 @@ def test_a_record_of_a_wrong_length_costs_nothing_where_there_is_an_index(read, 
     check(read(raw), without(), "a broken record at byte ", "chunks found from there on by the index: 4)")
 
 
+WITHOUT_INDEX = [{"summary": "none"}, {"summary": "wrong"}, {"end": False}]
+
+
 @pytest.mark.parametrize("layout", PACKINGS, ids=str)
-@pytest.mark.parametrize("more", [{"summary": "none"}, {"summary": "wrong"}, {"end": False}], ids=str)
-def test_without_an_index_reading_ends_with_the_broken_record(read, layout, more):
-    check(read(build(log(**layout), stretched=[2], **more)), without(3, 4), "it stops within a record at byte ")
+@pytest.mark.parametrize("more", WITHOUT_INDEX, ids=str)
+def test_without_an_index_reading_goes_on_with_the_next_chunk(read, layout, more):
+    # The length of the data inside the chunk is still there.
+    check(read(build(log(**layout), stretched=[2], **more)), without(), "(broken records at byte ",
+          "reading goes on with the next chunk")
+
+
+def chunk_starts(raw):
+    """Where each chunk of an undamaged file begins."""
+    starts, at = [], len(MAGIC)
+    while at + 9 <= len(raw) - len(MAGIC):
+        starts += [at] * (raw[at] == CHUNK)
+        at += 9 + struct.unpack_from("<Q", raw, at + 1)[0]
+    return starts
+
+
+def smashed(raw, chunks, first, content):
+    """The file with `content` over the heads of some chunks, from their byte `first` on."""
+    starts, raw = chunk_starts(raw), bytearray(raw)
+    for start in (starts[number] for number in chunks):
+        raw[start + first:start + first + len(content)] = content
+    return bytes(raw)
+
+
+# What is destroyed, and whether the chunk itself can be read by the index, and without one.
+HEADS = {"kind 0": (0, b"\0", True, False), "kind of a message": (0, b"\5", True, None),
+         "kind of an attachment": (0, b"\x09", True, True), "private kind": (0, b"\x90", True, True),
+         "length 0": (1, bytes(8), True, False), "length 30": (1, struct.pack("<Q", 30), True, False),
+         "length 2^40": (1, struct.pack("<Q", 1 << 40), True, True), "all 0": (0, bytes(64), False, False),
+         "all 255": (0, b"\xff" * 64, False, False), "sizes": (33, b"\xff" * 8, False, None)}
+
+
+@pytest.mark.parametrize("layout", PACKINGS[::2], ids=str)
+@pytest.mark.parametrize("chunks", [[0], [2], [CHUNKS - 1], [1, 2], [1, 3], [0, CHUNKS - 1]], ids=str)
+@pytest.mark.parametrize("head", HEADS)
+def test_chunks_behind_a_smashed_head_are_found_by_the_index(read, layout, chunks, head):
+    first, content, itself, _ = HEADS[head]
+    raw = build(log(**layout))
+    found = read(smashed(raw, chunks, first, content))
+    kept = without(*([] if itself else chunks))
+    check(found, kept, f"a broken record at byte {chunk_starts(raw)[chunks[0]]}, " if itself
+          else "a chunk with a broken head")
+    recorded = {} if itself else {"recorded": N}
+    assert found.findings[0].evidence == {"messages": len(kept), **recorded,
+                                          "places": found.findings[0].evidence["places"]}
+    assert itself or f"the {len(kept)} messages of {N} that can be read" in found.findings[0].text
+
+
+@pytest.mark.parametrize("layout", PACKINGS[::2], ids=str)
+@pytest.mark.parametrize("more", WITHOUT_INDEX, ids=str)
+@pytest.mark.parametrize("chunks", [[2], [1, 2], [1, 3], [CHUNKS - 1]], ids=str)
+@pytest.mark.parametrize("head", [name for name in HEADS if HEADS[name][3] is not None])
+def test_chunks_behind_a_smashed_head_are_found_by_their_look(read, layout, more, chunks, head):
+    first, content, _, itself = HEADS[head]
+    # A chunk with a wrong length is only seen where reading stops, so not behind another one.
+    lost = chunks if not itself else [2] if (head, chunks) == ("length 2^40", [1, 2]) else []
+    check(read(smashed(build(log(**layout), **more), chunks, first, content)), without(*lost), "")
+
+
+@pytest.mark.parametrize("layout", PACKINGS, ids=str)
+@pytest.mark.parametrize("more", [{}, *WITHOUT_INDEX], ids=str)
+def test_a_length_that_leads_over_the_next_chunk_loses_no_message(read, layout, more):
+    raw = build(log(**layout), **more)
+    starts = chunk_starts(raw)
+    check(read(smashed(raw, [1], 1, struct.pack("<Q", starts[3] + 50 - starts[1]))), without(), "broken record")
+
+
+def test_a_file_with_many_broken_places_gives_one_short_sentence(read):
+    given = replace(log(), groups=[[entry] for group in log().groups for entry in group])
+    raw = build(given, summary="none")
+    found = read(smashed(raw, range(1, N, 2), 0, b"\0"))
+    check(found, list(range(0, N, 2)), " and further on, reading goes on with the next chunk each time")
+    assert len(found.findings[0].text) < 300
+
+
+def test_a_length_that_leads_into_a_chunk_gives_no_message_twice(read):
+    raw = build(log())
+    at = raw.index(cdr(EACH + 3)) - 31  # the record of the fourth message of the second chunk
+    length = struct.pack("<Q", at - chunk_starts(raw)[1] - 9)
+    check(read(smashed(raw, [1], 1, length)), without(), "a broken record at byte ")
+
+
+def test_an_index_that_names_no_chunk_takes_nothing_away(read):
+    raw = build(log(checksum=False))
+    start = chunk_starts(raw)[2]
+    entry = raw.rindex(struct.pack("<Q", start))
+    for place in (start + 100, 1 << 60):
+        found = read(raw[:entry] + struct.pack("<Q", place) + raw[entry + 8:])
+        check(found, without(), "a chunk with a broken head")
 
 
 def test_a_chunk_without_a_checksum_that_has_another_size_than_stated(read):
@@ -152,15 +241,14 @@ def test_cut_within_the_fourth_chunk(read, layout):
     assert layout or len(set(counts)) > 4
 
 
-def test_two_topics_in_turn_and_a_topic_of_two_channels(read):
+def test_two_topics_in_turn(read):
     schema, content = ENCODINGS["cdr"]
-    # The same schema twice, as two publishers give it; and one without a schema.
-    channels = [("/drive", "cdr", 1, {}), ("/drive", "cdr", 2, {}), ("/other", "json", 0, {})]
-    messages = [(1 + k % 2, START + k * STEP, 0, content(k)) for k in range(N)]
-    messages[20:20] = [(3, START + 20 * STEP, 0, b'{"x": 7}'), (3, START + 20 * STEP, 0, b'{"x": 0.5}')]
+    channels = [("/drive", "cdr", 1, {}), ("/other", "json", 0, {})]
+    messages = [(1, START + k * STEP, 0, content(k)) for k in range(N)]
+    messages[20:20] = [(2, START + 20 * STEP, 0, b'{"x": 7}'), (2, START + 20 * STEP, 0, b'{"x": 0.5}')]
     groups = [messages[:25], messages[25:26], messages[26:]]
     for loose in (False, True):
-        found = read(build(Log([schema, schema], channels, groups, "lz4", loose)))
+        found = read(build(Log([schema], channels, groups, "lz4", loose)))
         np.testing.assert_array_equal(found.channels["/drive.speed"].values, SPEED)
         np.testing.assert_array_equal(found.channels["/other.x"].values, [7, 0.5])
         np.testing.assert_array_equal(found.channels["/other.x"].time, [0.02, 0.02])

@@ -30,6 +30,8 @@ MAGIC = b"\x89MCAP0\r\n"
 # The kind of a record and the length of its content stand before it.
 RECORD_HEAD = 9
 SCHEMA, CHANNEL, MESSAGE, CHUNK = map(int, (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK))
+# No opcode: a chunk whose end is missing or not known.
+CUT_CHUNK = 256
 _LENGTH = struct.Struct("<Q")
 _RECORD = np.dtype([("code", "u1"), ("length", "<u8")])
 # What every message begins with.
@@ -43,6 +45,8 @@ DAMAGED = (McapError, struct.error, ValueError)
 _BEGINNING = {"": lambda packed: packed,
               "lz4": lambda packed: lz4.frame.LZ4FrameDecompressor().decompress(packed),
               "zstd": lambda packed: zstandard.ZstdDecompressor().decompressobj().decompress(packed)}
+# The packings that are read.
+PACKINGS = tuple(_BEGINNING)
 
 
 @dataclass(frozen=True)

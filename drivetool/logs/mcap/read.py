@@ -59,7 +59,7 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
     if not fields and not lenient:
         raise BadRecording(f"topics of {path.name} that can be read ({', '.join(ENCODINGS)})",
                            f"only {others}", "Record or convert it with one of them, or to Parquet.")
-    names = _names(fields, channel_map)
+    names = _names(fields, channel_map, path.name, lenient)
     try:
         wanted = list(dict.fromkeys(choose(list(names))))
     except BadRecording as problem:
@@ -68,6 +68,7 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
     parts = _parts(wanted, names, fields, channel_map, path.name, lenient)
+    findings += _repeated(source, {fields[part.topic].topic for part in parts})
     channels, origin = _decode(source, fields, parts, path.name, findings, unreadable, lenient)
     ordered = {name: channels[name] for name in wanted if name in channels}
     return Recording(path.name, "", ordered, tuple(findings), origin, unreadable)
@@ -84,21 +85,35 @@ def _open(source: Source) -> tuple[dict[str, Fields], dict[str, str]]:
     return fields, unreadable
 
 
-def _names(fields: Mapping[str, Fields], channel_map: ChannelMap | None) -> dict[str, Place]:
-    """Full name -> place of every listed channel, and of those that only the map knows how to name."""
+def _names(fields: Mapping[str, Fields], channel_map: ChannelMap | None, log: str,
+           lenient: bool) -> dict[str, Place]:
+    """Full name -> place of every listed channel, and of those that only the map knows how to name.
+
+    raises  BadRecording: the map names a topic that several sources have, and more than one has the field
+    """
     names = {f"{name}.{field_path.text_of(path)}": (name, path)
              for name, each in fields.items() for path in each.listed}
     asked = [entry.channel for entry in channel_map.roles.values()] if channel_map else []
     for text in asked:
         if text in names or any(name.endswith(f".{text}") for name in names):
             continue
-        for topic, each in fields.items():
-            rest = text.removeprefix(f"{topic}.")
+        found: dict[str, Place] = {}
+        for source, each in fields.items():
+            rest = each.own(text)
             if rest == text and text.startswith("/"):
                 continue
             path = each.path(rest)
             if path is not None:
-                names[f"{topic}.{rest}"] = (topic, path)
+                found[f"{source}.{rest}"] = (source, path)
+        if not text.startswith("/"):
+            names |= found
+        elif len(found) == 1:  # also where other sources of the topic lack the field
+            names[text] = next(iter(found.values()))
+        elif found and not lenient:
+            raise BadRecording(
+                f"one source of '{text}' in {log}",
+                f"{len(found)} that are neither one continued nor one recorded twice",
+                "Name one of them in the channel map.", found)
     return names
 
 
@@ -119,7 +134,7 @@ def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[st
     for (topic, stamp), channels in groups.items():
         paths: tuple[field_path.Path, ...] = ()
         if stamp is not None and stamp.channel not in NAMED:
-            found = fields[topic].stamp(stamp.channel.removeprefix(f"{topic}."))
+            found = fields[topic].stamp(fields[topic].own(stamp.channel))
             if found is None and not lenient:
                 raise BadRecording(
                     f"time field '{stamp.channel}' in topic {topic}", f"none in {log}",
@@ -187,11 +202,24 @@ def _damage(source: Source) -> list[Finding]:
     """One finding about all that was wrong with the file."""
     if not source.damage:
         return []
+    evidence, of = {"messages": source.count, "places": len(source.damage)}, ""
+    if source.recorded is not None and source.recorded > source.count + source.repeated_count:
+        evidence["recorded"] = source.recorded
+        of = f" of {source.recorded}"
     return [Finding("warning", "damaged-log",
                     f"{source.path.name} is cut short or damaged ({_counted(source.damage)}); the "
-                    f"{source.count} messages that can be read are used.",
-                    {"messages": source.count, "places": len(source.damage)},
+                    f"{source.count} messages{of} that can be read are used.", evidence,
                     "Recover it with `mcap recover`, or record again.")]
+
+
+def _repeated(source: Source, topics: set[str]) -> list[Finding]:
+    """One finding per channel of these topics that is left out, since another one holds its messages."""
+    return [Finding("warning", "topic-recorded-twice",
+                    f"{each.topic} is in {source.path.name} twice: channel {each.channel} has the messages of "
+                    f"channel {each.used} once more. Channel {each.used} is used.",
+                    {"topic": each.topic, "used": each.used, "messages": each.used_count, "left_out": each.channel,
+                     "messages_left_out": each.count}, "Check whether two recorders ran.")
+            for each in source.repeated if each.topic in topics]
 
 
 def _counted(damage: list[str]) -> str:

@@ -32,7 +32,7 @@ def to_ticks(columns: Sequence[np.ndarray], stamp: TimeEntry | None, fields: Fie
     if stamp is None or stamp.channel in NAMED:
         return ticks
     ticks = uncounted(ticks, stamp)
-    path = fields.path(stamp.channel.removeprefix(f"{fields.name}."))
+    path = fields.path(fields.own(stamp.channel))
     unit = stamp.unit or (fields.unit(path) if path else None)
     if unit is None and ticks.dtype.kind == "f":
         return as_seconds(ticks, stamp.channel, log)

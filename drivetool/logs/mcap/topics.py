@@ -10,10 +10,13 @@ from drivetool.logs import field_path
 from drivetool.logs.field_path import Path
 from drivetool.logs.mcap import json_text, protobuf, ros
 from drivetool.logs.mcap.layout import DAMAGE, Broken, Columns, Default, Leaf
-from drivetool.logs.mcap.source import Topic
+from drivetool.logs.mcap.messages import Topic
 
-# message encoding -> schema encoding that it needs.
+# message encoding -> schema encoding that it needs. Definitions in IDL (ros2idl, omgidl) are refused by name: of
+# the parsers for Python that are kept up, one is GPL, one comes in compiled code with readers of its own.
 ENCODINGS = {"json": "jsonschema (optional)", "cdr": "ros2msg", "ros1": "ros1msg", "protobuf": "protobuf"}
+# The longest message of a ROS type without fields [bytes].
+_NO_FIELDS = 8
 _SECONDS = ("sec", "secs", "seconds")
 _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanos", "nanoseconds")
 
@@ -22,17 +25,24 @@ _NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanos", "nanoseconds")
 class Fields:
     """What can be read of a topic.
 
+    name     of the source; topic: what the file calls it
     listed   paths of its numbers
     trees    samples of its messages
     unit     path -> unit as the file notes it, or None
     columns  paths -> reader of columns, with a method read(places, lengths)
     """
 
+    topic: str
     name: str
     listed: tuple[Path, ...]
     trees: tuple[Any, ...]
     unit: Callable[[Path], str | None]
     columns: Callable[[Sequence[Path]], Any]
+
+    def own(self, text: str) -> str:
+        """A text without the name of the source or of its topic before it."""
+        rest = text.removeprefix(f"{self.name}.")
+        return rest if rest != text else text.removeprefix(f"{self.topic}.")
 
     def path(self, text: str) -> Path | None:
         """The path behind a text, if there is such a number in one of the samples or the schema."""
@@ -80,6 +90,9 @@ def open_topic(topic: Topic) -> Fields:
     else:
         make = ros.cdr_walk if topic.encoding == "cdr" else ros.ros1_walk
         walk, types = make(topic.schema.name, text.decode("utf-8", "replace"))
+        # A type that has no fields is sent as one byte after the head, filled up to four at most.
+        if not types[topic.schema.name] and max(map(len, topic.samples)) > _NO_FIELDS:
+            raise Broken(f"the definition of its schema {topic.schema.name} is empty")
     trees = []
     for sample in topic.samples:
         try:
@@ -93,7 +106,8 @@ def open_topic(topic: Topic) -> Fields:
 
     if not trees:
         raise Broken("messages that are not what their schema says")
-    return Fields(topic.name, _listed(trees), tuple(trees), unit, lambda paths: Columns(walk, list(paths)))
+    return Fields(topic.topic, topic.name, _listed(trees), tuple(trees), unit,
+                  lambda paths: Columns(walk, list(paths)))
 
 
 def _json(topic: Topic) -> Fields:
@@ -113,7 +127,7 @@ def _json(topic: Topic) -> Fields:
         noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
         return noted or json_text.unit(schema, path)
 
-    return Fields(topic.name, tuple(listed), tuple(trees), unit, json_text.JsonColumns)
+    return Fields(topic.topic, topic.name, tuple(listed), tuple(trees), unit, json_text.JsonColumns)
 
 
 def _is_number(node: Any) -> bool:
