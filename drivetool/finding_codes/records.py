@@ -95,6 +95,11 @@ CODES = {
         WARNING,
         "Single samples are not in the order of their time stamps. They are sorted.",
         "Check the recorder."),
+    "receive-times": Code(
+        WARNING,
+        "The messages of an MCAP topic were received in batches, which says nothing of when they were sampled. A "
+        "clock of the messages themselves is steady and is used.",
+        "Name that clock with `time` in the channel map."),
     "repeated-time": Code(
         WARNING,
         "Samples repeat the time stamp of the one before. They are left out.",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding
+from drivetool.logs.batches import refuse_batches
 from drivetool.logs.clock import median_step
 from drivetool.logs.coarse_clock import restored
 
@@ -44,7 +45,8 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
     values   (n,) each, of those channels
     without  (k,) stamps of the same clock at which the channels have no value
     returns  Clock, findings
-    raises   BadRecording: the clock was set back (says where); single samples out of order are sorted
+    raises   BadRecording: the clock was set back (says where), or has receive times in batches; single samples out
+             of order are sorted
     """
     findings = []
     keep = np.flatnonzero(np.abs(time) < FAR)  # neither NaN nor damaged beyond all time
@@ -66,6 +68,7 @@ def clean_clock(time: np.ndarray, who: str, log: str, values: Sequence[np.ndarra
             f"uniform clock of {step:.6g} s lies behind them, and its times are used.",
             {"resolution": resolution, "step": step}, "Log time stamps in full."))
         return Clock(found, keep), findings
+    refuse_batches(np.unique(time[keep]), who, log)  # with one stamp a batch, it is a coarse clock
     step = np.diff(time[keep])
     if np.any(step == 0):
         repeated = int(np.sum(step == 0))

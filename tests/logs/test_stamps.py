@@ -1,16 +1,20 @@
 """Time as people's logs have it: coarse stamps, counters that start again, numbers without a unit, empty rows."""
 
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 
 from drivetool.drive.chain import one_body
 from drivetool.errors import BadOption, BadRecording, DriveToolError
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from drivetool.logs.batches import batches
 from drivetool.logs.build import build_experiment, open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.coarse_clock import restored
@@ -94,6 +98,61 @@ def test_the_inertia_of_coarse_stamps_is_that_of_whole_ones(step, resolution):
                      for time in (np.arange(N) * step, cut(np.arange(N) * step, resolution)))
     assert "clock-restored" in codes(coarse) and not codes(whole)
     np.testing.assert_allclose(inertia(coarse), inertia(whole), rtol=1e-3)
+
+
+# --- receive times in batches
+
+def received(size, apart, step=0.002):
+    """Times at which messages of a uniform clock arrive when they wait for each other, `apart` seconds apart."""
+    k = np.arange(N)
+    return (k // size * size + size - 1) * step + (k % size) * apart + 1e-3
+
+
+def messages(path, size, apart, published=True, stamped=True):
+    torque, speed = axis(0.002)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        sid = writer.register_schema("axis", "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel("/axis", "json", sid)
+        for k, late in enumerate((received(size, apart) * 1e9).astype(int).tolist()):
+            stamp = {"header": {"stamp": {"sec": k // 500, "nanosec": k % 500 * 2_000_000}}} if stamped else {}
+            text = json.dumps({**stamp, "torque": float(torque[k]), "speed": float(speed[k])})
+            writer.add_message(channel, late, text.encode(), 2_000_000 * k if published else late)
+        writer.finish()
+
+
+@pytest.mark.parametrize(("size", "apart"), [(25, 2e-5), (4, 1e-4), (40, 0.0)])
+@pytest.mark.parametrize(("clock", "more"), [
+    ("publish_time", {}), ("header.stamp", {"published": False}), ("", {"published": False, "stamped": False})])
+def test_messages_that_arrive_in_batches(tmp_path, size, apart, clock, more):
+    messages(tmp_path / "a.mcap", size, apart, **more)
+    if not clock and apart:
+        with pytest.raises(BadRecording, match=f"receive times: batches of {size} samples"):
+            open_experiment(tmp_path / "a.mcap", channel_map())
+        return
+    found = open_experiment(tmp_path / "a.mcap", channel_map())
+    # Where a batch has one stamp, it is a coarse clock.
+    told, = [f for f in found.findings if f.code == ("receive-times" if clock else "clock-restored")]
+    assert not clock or told.evidence["clock"] == clock
+    assert found.step == pytest.approx(0.002, rel=1e-4) and len(found.segments) == 1
+    np.testing.assert_array_equal(found.signals["motor_speed"], axis(0.002)[1])
+
+
+def test_a_table_of_receive_times_is_refused():
+    torque, speed = axis(0.002)
+    time = received(10, 5e-5)
+    with pytest.raises(BadRecording, match=r"batches of 10 samples, one every 0\.02 s"):
+        build_experiment(on((time, torque), (time, speed)))
+
+
+@pytest.mark.parametrize("make", [
+    lambda rng: np.arange(N) * 1e-3 + np.cumsum(np.where(np.arange(N) % 300 == 0, rng.uniform(1, 5, N), 0)),
+    lambda rng: np.arange(N) * 1e-3 + np.cumsum(np.where(np.arange(N) % 40 == 0, rng.exponential(0.5, N), 0)),
+    lambda rng: np.cumsum(rng.exponential(1e-3, N)),
+    lambda rng: np.sort((np.arange(N) + 0.4 * rng.standard_normal(N)) * 1e-3)])
+def test_pauses_and_jitter_are_no_batches(make):
+    assert batches(make(np.random.default_rng(2))) is None
 
 
 # --- counters

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import field_path
+from drivetool.logs.batches import batches
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
 from drivetool.logs.experiment import Channel, Recording
 from drivetool.logs.mcap.collector import Collector
@@ -23,6 +24,8 @@ from drivetool.logs.mcap.topics import ENCODINGS, Fields, open_topic
 if TYPE_CHECKING:
     from drivetool.logs.read import Choose
 
+# Clocks that a message may have besides its receipt, in the order in which they are tried.
+STAMPS = ("publish_time", "header.stamp", "stamp", "timestamp")
 Place = tuple[str, field_path.Path]
 
 
@@ -67,9 +70,22 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
             raise
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
-    parts = _parts(wanted, names, fields, channel_map, path.name, lenient)
+    parts = _parts(wanted, names, fields, channel_map, None, path.name, lenient)
     findings += _repeated(source, {fields[part.topic].topic for part in parts})
     channels, origin = _decode(source, fields, parts, path.name, findings, unreadable, lenient)
+    late = sorted({part.topic for part in parts if part.stamp is None
+                   for name in part.channels if name in channels and batches(channels[name].time)})
+    for stamp in STAMPS if late else ():
+        more: list[Finding] = []
+        try:
+            parts = _parts(wanted, names, fields, channel_map, TimeEntry(stamp), path.name, lenient)
+            steady, begin = _decode(source, fields, parts, path.name, more, unreadable, lenient)
+        except BadRecording:
+            continue
+        if not any(batches(each.time) for each in steady.values()):
+            channels, origin = steady, begin
+            findings.append(_late_finding(late, stamp, path.name))
+            break
     ordered = {name: channels[name] for name in wanted if name in channels}
     return Recording(path.name, "", ordered, tuple(findings), origin, unreadable)
 
@@ -118,8 +134,8 @@ def _names(fields: Mapping[str, Fields], channel_map: ChannelMap | None, log: st
 
 
 def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[str, Fields],
-           channel_map: ChannelMap | None, log: str, lenient: bool) -> list[Part]:
-    """The wanted channels by topic and clock."""
+           channel_map: ChannelMap | None, default: TimeEntry | None, log: str, lenient: bool) -> list[Part]:
+    """The wanted channels by topic and clock; `default` is that of what the map gives none."""
     own = {}
     for entry in channel_map.roles.values() if channel_map else ():
         name = resolve(entry.channel, names) if entry.time else None
@@ -128,7 +144,7 @@ def _parts(wanted: Iterable[str], names: Mapping[str, Place], fields: Mapping[st
     groups: dict[tuple[str, TimeEntry | None], dict[str, field_path.Path]] = {}
     for name in wanted:
         topic, path = names[name]
-        stamp = own.get(name) or (channel_map.time if channel_map else None)
+        stamp = own.get(name) or (channel_map.time if channel_map else None) or default
         groups.setdefault((topic, stamp), {})[name] = path
     parts = []
     for (topic, stamp), channels in groups.items():
@@ -196,6 +212,13 @@ def _broken_finding(topic: str, count: int, source: Source, log: str) -> Finding
     return Finding("warning", "broken-messages",
                    f"{count} messages of {topic} in {log} are not what their encoding or schema says; they are "
                    "left out.", {"messages": count, "of": source.topics[topic].count}, "Check the recorder.")
+
+
+def _late_finding(topics: list[str], stamp: str, log: str) -> Finding:
+    return Finding("warning", "receive-times",
+                   f"Messages of {', '.join(topics)} in {log} were received in batches; their {stamp} is steady "
+                   "and is used instead.", {"clock": stamp, "topics": len(topics)},
+                   f"Write `time: {stamp}` in the channel map.")
 
 
 def _damage(source: Source) -> list[Finding]:
