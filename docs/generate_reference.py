@@ -21,7 +21,7 @@ from drivetool.files.catalogue import catalogue
 from drivetool.files.schema import TITLES, kinds, schema_of
 from drivetool.files.units import ATOMS
 from drivetool.finding_codes import STAGES
-from drivetool.logs.experiment import INPUTS, ROLE_MEANINGS, ROLES
+from drivetool.logs.roles import FURTHER, ROLES
 from drivetool.logs.units import TABLE
 from drivetool.quantity import Quantity
 
@@ -203,7 +203,7 @@ def files() -> str:
 def _section(section: Mapping[str, Any], labels: Mapping[str, str]) -> list[str]:
     """The description of a section, and a table of its fields."""
     first, _, rest = section.get("description", "").partition("\n\n")
-    meanings, common = _documented(rest), EVERYWHERE | ROLE_MEANINGS
+    meanings, common = _documented(rest), EVERYWHERE
     rows = []
     for key, entry in section["properties"].items():
         default = code(msgspec.json.encode(entry["default"]).decode()) if "default" in entry else ""
@@ -254,10 +254,10 @@ def _type(entry: Mapping[str, Any], labels: Mapping[str, str]) -> str:
 def roles() -> str:
     """The roles of channels."""
     si = {dimension: [unit for unit, (kind, own, *_) in TABLE.items() if kind == dimension and own == unit]
-          for dimension in dict.fromkeys(ROLES.values())}
-    rows = [(code(role), prose(ROLE_MEANINGS[role]), dimension, ", ".join(map(code, si[dimension])),
-             "input" if role in INPUTS else "reference" if role.startswith("reference_") else "sensor")
-            for role, dimension in ROLES.items()]
+          for dimension in dict.fromkeys(role.quantity for role in ROLES.values())}
+    further = {f"<{'shaft' if what == 'torque' else 'body'}>_{what}": role for what, role in FURTHER.items()}
+    rows = [(code(name), prose(role.meaning), role.quantity, ", ".join(map(code, si[role.quantity])), role.kind)
+            for name, role in (ROLES | further).items()]
     return page(
         "Channel roles", "This page lists the roles that a channel of a recording can play, with quantity and "
         "unit.",

@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.check.replay import SHORTEST, measured_roles, start_states
+from drivetool.check.replay import SHORTEST, start_states
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption
 from drivetool.identify.engine import Task
-from drivetool.identify.setup import Roles, first_states, problem_of, traces_of
+from drivetool.identify.setup import Roles, first_states, problem_of, roles_of, traces_of
 from drivetool.identify.start import Start, known_states
 from drivetool.logs.experiment import Experiment
 
@@ -62,7 +62,7 @@ def run_model(experiment: Experiment, drive: Drive, segment: float = 0.0, start:
     if 0.0 < segment < SHORTEST * experiment.step:
         raise BadOption(f"segments of at least {SHORTEST * experiment.step:g} s, {SHORTEST} samples",
                         f"{segment:g} s", "Give --segment more, or 0 for one free run.")
-    seen = measured_roles(experiment, drive)
+    seen = roles_of([experiment], drive)
     first, every = Roles(seen.inputs, seen.outputs[:1]), Roles(seen.inputs, _all_roles(drive, seen))
     start = start or Start()
     known = known_states(start, drive, (), every)

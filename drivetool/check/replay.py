@@ -18,7 +18,6 @@ from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import (
-    SENSORS,
     Roles,
     first_states,
     measured_states,
@@ -31,7 +30,6 @@ from drivetool.logs.experiment import Experiment
 
 TURNS = 2  # steps of the parameters to where they are likeliest, each with the noise anew
 SHORTEST = 20  # samples of a segment, which pays for its start states first
-MORE = (("motor2_speed", "motor2_angle"), ("table_speed", "table_angle"))
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ def replay(experiment: Experiment, drive: Drive, noise: Mapping[str, float], seg
     if 0.0 < segment < SHORTEST * experiment.step:
         raise BadOption(f"segments of at least {SHORTEST * experiment.step:g} s, {SHORTEST} samples",
                         f"{segment:g} s", "Give --segment more, or 0 for one free run.")
-    every = measured_roles(experiment, drive)
+    every = roles_of([experiment], drive)
     first = Roles(every.inputs, every.outputs[:1])
     begun = known_states(start or Start(), drive, (), every)
     task = Task(drive, (), first, (experiment,), begun)
@@ -121,15 +119,6 @@ def begun_otherwise(drive: Drive, run: Replay) -> list[Finding]:
     """Known start states of the free runs that the record contradicts."""
     roles = Roles(run.roles.inputs, run.roles.outputs[:1])
     return contradicted_start(drive, roles, run.problem, Point(np.empty(0), run.starts), run.noise, run.sigma**2)
-
-
-def measured_roles(experiment: Experiment, drive: Drive) -> Roles:
-    """Inputs and every sensor that the drive knows, the motor's first."""
-    roles = roles_of([experiment], drive)
-    more = [r for choices in MORE if choices[0].rpartition("_")[0] in drive.bodies
-            for r in [c for c in choices if c in experiment.signals][:1]]
-    known = [r for choices in SENSORS for r in choices if r in roles.outputs]
-    return Roles(roles.inputs, (*known, *more))
 
 
 def start_states(task: Task, problem: Problem) -> tuple[np.ndarray, ...]:

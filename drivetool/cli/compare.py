@@ -111,6 +111,7 @@ def run(job: Job, options: CompareOptions) -> int:
     """Open, fit, check, deliver; the exit code."""
     from drivetool.files.comparison_file import comparison_file
     from drivetool.identify.compare import compare
+    from drivetool.identify.unused import used_by
 
     opened = open_all(job)
     drive = drive_for(job, opened)
@@ -122,5 +123,6 @@ def run(job: Job, options: CompareOptions) -> int:
         raise
     used = asdict(options) | {"machines": {name: [opened.experiments[i].name for i in places]
                                            for name, places in options.machines.items()}}
-    found = replace(found, options=noted(job, used), findings=findings(opened, found.findings))
+    found = replace(found, options=noted(job, used), findings=findings(
+        opened, found.findings, used_by(job.step, opened.experiments, drive), drive, job.step))
     return deliver(job, comparison_file(found, opened.inputs), found.exhibits)

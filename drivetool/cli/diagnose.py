@@ -69,6 +69,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
     from drivetool.files.report_page import diagnosis_page
     from drivetool.files.write import write_whole
+    from drivetool.identify.unused import used_by
 
     check_outputs(job, report=report)
     opened = open_all(job)
@@ -90,8 +91,10 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     said = (*base_findings(loaded, training, holdout), verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
+    taken = used_by(job.step, opened.experiments, drive)
     found = replace(found, estimate=replace(
-        found.estimate, findings=findings(opened, said), options=noted(job, used, apart.words)))
+        found.estimate, findings=findings(opened, said, taken, drive, job.step),
+        options=noted(job, used, apart.words)))
     file = diagnosis_file(found, opened.inputs)
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))

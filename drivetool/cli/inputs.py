@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -73,9 +73,23 @@ def open_all(job: Job) -> Opened:
     channel_map = load_channel_map(job.map)
     for text in job.condition:
         parse_step(text)
-    experiments = tuple(open_experiment(log, channel_map, job.condition) for log in job.logs)
+    further = _further_roles(job, loaded, shape)
+    experiments = tuple(open_experiment(log, channel_map, job.condition, further) for log in job.logs)
     _one_kind(experiments)
     return Opened(experiments, loaded, shape)
+
+
+def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
+    """The roles of bodies and shafts that the drive has besides those of the table."""
+    from drivetool.drive.chain import KNOWN_DRIVES, two_mass
+    from drivetool.identify.setup import sensors_of
+    from drivetool.logs.roles import ROLES
+
+    if shape:
+        drive = shape.structure(two_mass())
+    else:
+        drive = KNOWN_DRIVES[job.drive]() if job.drive else loaded.structure(two_mass())
+    return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
 
 
 def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
@@ -123,9 +137,17 @@ def noted(job: Job, options: Mapping[str, Any], record: Sequence[tuple[str, str]
     return used | ({"condition": list(job.condition)} if job.condition else {})
 
 
-def findings(opened: Opened, more: Sequence[Finding]) -> tuple[Finding, ...]:
-    """What was found in the recordings, then what the step found; each once."""
+def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], drive: Drive | None,
+             step: str) -> tuple[Finding, ...]:
+    """What was found in the recordings, what of them was not used, then what the step found; each once.
+
+    used   the roles that the step takes
+    drive  of which it makes a model; None: none
+    """
+    from drivetool.identify.unused import unused_roles
+
     first = [finding for each in opened.experiments for finding in each.findings]
+    first += unused_roles(opened.experiments, used, drive, step)
     return tuple([finding for finding in first if finding not in more] + list(more))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, drive_for, open_all, start_of
+from drivetool.cli.inputs import Job, drive_for, findings, open_all, start_of
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
@@ -44,6 +44,7 @@ def run(job: Job, segment: float) -> int:
     from drivetool.cli.deliver import draw
     from drivetool.files.run_file import run_table
     from drivetool.files.write import write_whole
+    from drivetool.identify.unused import used_by
 
     if not job.out.lower().endswith(".parquet"):
         raise BadOption("a file name that ends in .parquet after --out", f"'{job.out}'",
@@ -52,6 +53,7 @@ def run(job: Job, segment: float) -> int:
     experiment, = opened.experiments
     drive = drive_for(job, opened)
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
+    said = findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)
     about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
     if job.condition:
@@ -61,14 +63,14 @@ def run(job: Job, segment: float) -> int:
     write_whole(job.out, run_table(found, about))
     pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
     if not job.quiet:
-        for finding in experiment.findings:
+        for finding in said:
             say("simulate", f"{finding.severity} {finding.code}: {finding.text} {finding.action}".rstrip())
         for role in found.measured:
             say("simulate", _told(found, role))
         say("simulate", f"wrote {job.out}")
         if pictures:
             say("simulate", f"drew {', '.join(pictures)} in {job.plot}")
-    return exit_code((finding.severity for finding in experiment.findings), True, job.strict)
+    return exit_code((finding.severity for finding in said), True, job.strict)
 
 
 def _told(found: ModelRun, role: str) -> str:

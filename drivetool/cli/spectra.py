@@ -84,7 +84,7 @@ def command(
 def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.spectra_file import spectra_file, write_curves
-    from drivetool.identify.spectra import spectra
+    from drivetool.identify.spectra import reference_of, spectra
 
     if curves is None and job.out not in (None, "-"):
         curves = _beside(job, job.out)
@@ -95,7 +95,9 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    spectrum = replace(spectrum, options=noted(job, asdict(options)), findings=findings(opened, spectrum.findings))
+    used = {"motor_torque", spectrum.output, *reference_of(opened.experiments[0])}
+    spectrum = replace(spectrum, options=noted(job, asdict(options)),
+                       findings=findings(opened, spectrum.findings, used, None, job.step))
     if curves:
         write_curves(curves, spectrum)
         if not job.quiet:

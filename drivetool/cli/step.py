@@ -74,6 +74,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.result_file import estimate_file
     from drivetool.identify.options import Options
+    from drivetool.identify.unused import used_by
 
     opened = open_all(job)
     apart = differing(job, opened.experiments, drive_for(job, opened))
@@ -94,5 +95,6 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     used = {name: value for name, value in used.items()
             if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
     estimate = replace(estimate, options=noted(job, used, apart.words),
-                       findings=findings(opened, estimate.findings))
+                       findings=findings(opened, estimate.findings, used_by(
+                           job.step, opened.experiments, drive, options.criterion), drive, job.step))
     return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -66,6 +66,7 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     """Replay tuned gains; the exit code."""
     from drivetool.cli.replay import replay_gains
     from drivetool.files.result_file import validation_file
+    from drivetool.tune.replay import COMPARED
 
     for option, words in (("--start", job.start), ("--record", job.record)):
         if words:
@@ -77,7 +78,8 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
               for source in opened.loaded.sources]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
     used = asdict(options) | {"gains": entry[0], "configuration": configuration}
-    validation = replace(validation, options=noted(job, used), findings=findings(opened, validation.findings))
+    validation = replace(validation, options=noted(job, used), findings=findings(
+        opened, validation.findings, {*COMPARED, "load_torque"}, models[0][2], job.step))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
@@ -98,6 +100,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     from drivetool.check.validate import validate
     from drivetool.check.validate_torque import validate_torque
     from drivetool.files.result_file import validation_file
+    from drivetool.identify.unused import used_by
 
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
@@ -117,8 +120,10 @@ def run(job: Job, options: ValidateOptions) -> int:
         draw_recordings(job, opened.experiments)
         raise
     used = asdict(options) | dict(validation.options)
+    taken = {role for _, drive, _ in models
+             for role in used_by(job.step, opened.experiments, drive, options.criterion)}
     validation = replace(validation, options=noted(job, used, apart[0].words),
-                         findings=findings(opened, validation.findings))
+                         findings=findings(opened, validation.findings, taken, models[0][1], job.step))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]

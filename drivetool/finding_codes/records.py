@@ -113,6 +113,11 @@ CODES = {
         WARNING,
         "The channel map names a channel that the log does not have.",
         "Correct the channel map."),
+    "role-not-used": Code(
+        NOTE_OR_WARNING,
+        "Roles of the recording that this step does not use, with the reason of each. It is a warning where the "
+        "drive has no such body or shaft.",
+        "Give the drive the body, or take the role out of the channel map."),
     "role-unclear": Code(
         WARNING,
         "The name of a channel in the channel map fits several channels of the log.",

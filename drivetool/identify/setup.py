@@ -18,17 +18,14 @@ from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.recordings.by_record import as_recorded, differs
 from drivetool.logs.experiment import Experiment
+from drivetool.logs.roles import INPUTS
 
 EVERY = -1  # in the place of a recording's number: those that are not named
-INPUTS = ("motor_torque", "load_torque", "motor2_torque")
 ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
 DENSE = 0.5  # share of the third differences that must be there to be enough
 WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
 APART = 8  # samples between readings of an angle for a speed: one sample apart an encoder's steps exceed it
 SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
-# Per body its speed, or its angle where no speed was logged: an encoder's two readings are one
-# measurement and must not count twice.
-SENSORS = (("motor_speed", "motor_angle"), ("load_speed", "load_angle"), ("shaft_torque",))
 
 
 @dataclass(frozen=True)
@@ -50,16 +47,29 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
     for e in experiments:
         e.signal("motor_torque", "the drive's input")
     inputs = tuple(r for r in INPUTS if r in common and (r != "motor2_torque" or "motor2" in drive.bodies))
-    outputs = []
-    for choices in SENSORS:
-        if choices[0] != "motor_speed" and not drive.shafts:
-            continue
-        outputs += [r for r in choices if r in common][:1]
+    outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:
         raise BadRecording(
             "a motor speed or motor angle", "neither in every recording",
             "Name its channel in the channel map.", sorted(common))
     return Roles(inputs, tuple(outputs))
+
+
+def sensors_of(drive: Drive) -> list[tuple[str, ...]]:
+    """The roles that can measure each body and then each shaft of a drive, of which one is taken, the first best.
+
+    Of a body its speed, or its angle where no speed was logged: an encoder's two readings are one measurement and
+    must not count twice. Whatever the drive calls them, the first body may be `motor` and the last `load`.
+    """
+    names = [[body] for body in drive.bodies]
+    names[0].append("motor")
+    if drive.shafts:
+        names[drive.bodies.index(drive.load)].append("load")
+    shafts = [[shaft] for shaft in drive.shafts]
+    if shafts:
+        shafts[0].append("shaft")
+    return [*(tuple(dict.fromkeys(f"{n}_{what}" for what in ("speed", "angle") for n in each)) for each in names),
+            *(tuple(dict.fromkeys(f"{n}_torque" for n in each)) for each in shafts)]
 
 
 def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0,

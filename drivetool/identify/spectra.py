@@ -150,7 +150,7 @@ def output_role(experiments: Sequence[Experiment], wanted: str | None) -> str:
 
 def stretches_of(e: Experiment, output: str) -> Run:
     """Stretches without a missing value; an angle becomes the mean speed over the last interval."""
-    names = ["motor_torque", output, *[r for r in REFERENCES if r in e.signals][:1]]
+    names = ["motor_torque", output, *reference_of(e)]
     e.signal("motor_torque", "the input")
     table = np.column_stack([e.signals[n] for n in names])
     if output.endswith("angle"):
@@ -165,6 +165,11 @@ def stretches_of(e: Experiment, output: str) -> Run:
         raise NotEnoughData(f"16 samples in a row with torque and {output} in {e.name}", "fewer",
                             "Choose another sensor, or resample the log.")
     return Run(e.name, tuple(found), e.step)
+
+
+def reference_of(e: Experiment) -> list[str]:
+    """The role of what the loop is asked for, the best one; none if there is none."""
+    return [r for r in REFERENCES if r in e.signals][:1]
 
 
 def _period(runs: Sequence[Run], options: SpectraOptions) -> int | None:

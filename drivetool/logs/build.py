@@ -13,10 +13,11 @@ from drivetool.logs.channel_map import ChannelMap, choose_channels
 from drivetool.logs.condition import Step, condition, parse_step
 from drivetool.logs.convert import shared_units, to_signals
 from drivetool.logs.counts import made_of_counts
-from drivetool.logs.experiment import INPUTS, ROLES, Experiment, Recording
+from drivetool.logs.experiment import Experiment, Recording
 from drivetool.logs.parts import cut, restarted
 from drivetool.logs.read import read_recording
 from drivetool.logs.resample import leader_of, onto_grid
+from drivetool.logs.roles import INPUTS, quantity
 from drivetool.logs.speed_check import compare_speed_and_angle
 from drivetool.logs.unmeasured import unmeasured
 
@@ -27,31 +28,34 @@ MIN_SEGMENT = 10
 
 
 def open_experiment(path: str | Path, channel_map: ChannelMap | None = None,
-                    steps: Sequence[str] = ()) -> Experiment:
+                    steps: Sequence[str] = (), further: Sequence[str] = ()) -> Experiment:
     """A log file as an experiment.
 
     path         .parquet or .mcap, or a folder of the parts of a .parquet
     channel_map  which channel plays which role; None takes channels named like the roles
     steps        conditioning after that of the map, such as 'lowpass cutoff=50'
+    further      roles that the drive has besides those of the table; without a map channels may be named like them
     returns      Experiment
     raises       BadRecording, NotEnoughData, BadOption: see read_recording, build_experiment, condition
     """
     todo = [parse_step(text) for text in (*(channel_map.condition if channel_map else ()), *steps)]
-    return condition(build_experiment(read_recording(path, channel_map), channel_map, todo), todo)
+    recording = read_recording(path, channel_map, further=further)
+    return condition(build_experiment(recording, channel_map, todo, further), todo)
 
 
 def build_experiment(recording: Recording, channel_map: ChannelMap | None = None,
-                     steps: Sequence[Step] = ()) -> Experiment:
+                     steps: Sequence[Step] = (), further: Sequence[str] = ()) -> Experiment:
     """A recording as an experiment: roles, SI, one grid, segments, and what was wrong.
 
     recording    channels on their own clocks
     channel_map  which channel plays which role; None takes channels named like the roles
     steps        conditioning, of which the parts of the recording to keep or to omit are taken here
+    further      see open_experiment
     returns      Experiment; its findings say what was repaired, lost or looks wrong
     raises       BadRecording: role, unit or time that cannot be used;
                  NotEnoughData: fewer than 50 samples, or nothing moves
     """
-    chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
+    chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
     torque_unit, motion_unit, more = shared_units(signals, recording.name)
     left = cut(signals, leader_of({role: s.time for role, s in signals.items()}), steps, recording.name)
@@ -166,7 +170,7 @@ def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str) -
             still.append((role, float(seen[0])))
     constant = {role for role, _ in still}
     drives = {"motor_torque"} & set(signals)
-    motions = {role for role in signals if ROLES[role] != "torque"}
+    motions = {role for role in signals if quantity(role) != "torque"}
     if drives | motions <= constant:
         names = ", ".join(sorted(drives | motions or constant))
         raise NotEnoughData(f"a torque or a motion that changes in {log}", f"only constant signals ({names})",

@@ -26,13 +26,13 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
 from drivetool.logs.condition import parse_step
-from drivetool.logs.experiment import ROLES
+from drivetool.logs.roles import PATTERN, ROLES, ordered, quantity, role_of
 from drivetool.logs.units import COUNTS, RELATIVE, Unit, parse_unit
 
 SCHEMA = "drivetool/channel-map/1"
@@ -92,23 +92,21 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return TimeEntry(self.time) if isinstance(self.time, str) else self.time
 
 
-# One optional field per role, so that the JSON schema lists the roles and refuses others.
-RoleEntries = msgspec.defstruct(
-    "RoleEntries", [(role, RoleEntry | str | msgspec.UnsetType, msgspec.UNSET) for role in ROLES],
-    frozen=True, forbid_unknown_fields=True)
+RoleName = Annotated[str, msgspec.Meta(pattern=PATTERN)]
 
 
 class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The channel map as it is on disk.
 
-    roles      role -> channel, by its name alone or with what is known of it
+    roles      role -> channel, by its name alone or with what is known of it; a further body or shaft of the drive
+               has the roles <body>_speed, <body>_angle and <shaft>_torque
     time       the channel with the time stamps
     torque_is  whether the logged torque is the command or a measurement of it
     condition  conditioning steps, as after --condition, in their order
     """
 
     schema: Literal["drivetool/channel-map/1"]
-    roles: RoleEntries
+    roles: dict[RoleName, RoleEntry | str]
     time: TimeEntry | str | None = None
     torque_is: Literal["command", "measurement", "unknown"] = "unknown"
     condition: list[str] = []
@@ -139,9 +137,8 @@ class ChannelMap:
         except msgspec.ValidationError as problem:
             raise BadOption(f"a valid {name}", str(problem).replace("`$", "`map"),
                             f"Correct it; its form is {SCHEMA}.") from None
-        listed = {role: getattr(file.roles, role) for role in ROLES}
-        roles = {role: RoleEntry(entry) if isinstance(entry, str) else entry
-                 for role, entry in listed.items() if entry is not msgspec.UNSET}
+        given = {role: RoleEntry(entry) if isinstance(entry, str) else entry for role, entry in file.roles.items()}
+        roles = {role: given[role] for role in ordered(given)}
         if not roles:
             raise BadOption(f"at least one role in {name}", "none",
                             "Give each role its channel.", ROLES)
@@ -176,7 +173,8 @@ def _check_keys(content: object, name: str) -> None:
     if content.get("schema") != SCHEMA:
         raise BadOption(f"schema: {SCHEMA} in {name}", f"schema {content.get('schema')!r}",
                         f"Write `schema: {SCHEMA}` as its first line.")
-    level(content.get("roles"), f"roles of {name}", tuple(ROLES))
+    further = [key for key in content.get("roles") or () if isinstance(key, str) and role_of(key)]
+    level(content.get("roles"), f"roles of {name}", tuple(dict.fromkeys([*ROLES, *further])))
     for role, entry in content["roles"].items():
         if not isinstance(entry, str):
             level(entry, f"{role} of {name}", fields(RoleEntry))
@@ -195,16 +193,16 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
                                               ("absent", entry.absent)) if value is not None}
     if entry.rated:
         numbers["rated value"] = entry.rated.value
-        rated = parse_unit(entry.rated.unit, ROLES[role], f"rated of {role} in {name}", BadOption)
+        rated = parse_unit(entry.rated.unit, quantity(role), f"rated of {role} in {name}", BadOption)
         if rated.dimension in (RELATIVE, COUNTS):
-            raise BadOption(f"a unit of {ROLES[role]} for rated of {role}", f"'{entry.rated.unit}'",
+            raise BadOption(f"a unit of {quantity(role)} for rated of {role}", f"'{entry.rated.unit}'",
                             "Say what 100 % is, for example {value: 200, unit: Nm}.")
     for key, value in numbers.items():
         if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift", "absent")):
             raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",
                             f"Correct it in {name}.")
     if entry.unit is not None:
-        unit = parse_unit(entry.unit, ROLES[role], f"{role} in {name}", BadOption)
+        unit = parse_unit(entry.unit, quantity(role), f"{role} in {name}", BadOption)
         require_scale(role, unit, entry, BadOption)
 
 
@@ -233,17 +231,19 @@ def resolve(name: str, available: Iterable[str]) -> str | None:
     return found[0] if found else None
 
 
-def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, log: str) -> dict[str, str]:
+def choose_channels(available: Sequence[str], channel_map: ChannelMap | None, log: str,
+                    further: Sequence[str] = ()) -> dict[str, str]:
     """Which channel of a log plays which role.
 
     available    names of the channels in the log
     channel_map  the map; None takes the channels named like the roles
     log          name of the log, for messages
+    further      roles of bodies and shafts that the drive has besides those of the table
     returns      role -> channel name
     raises       BadRecording: a mapped channel is missing, a name is ambiguous, or no role is found
     """
     if channel_map is None:
-        found = {role: resolve(role, available) for role in ROLES}
+        found = {role: resolve(role, available) for role in (*ROLES, *further)}
         chosen = {role: name for role, name in found.items() if name is not None}
         if not chosen:
             raise BadRecording("channels named like the roles (motor_torque, motor_speed, ...)",

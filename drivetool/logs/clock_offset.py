@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.logs.clock import median_step
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import ROLES
+from drivetool.logs.roles import quantity
 from drivetool.logs.speed_check import SURE
 
 # Longer records are looked at in their first part, coarser ones at this many points.
@@ -28,14 +28,14 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
     findings = []
     # What is asked for comes before what happens, whatever the clock; a table is behind a ratio.
     motions = [role for role in signals
-               if ROLES[role] != "torque" and not role.startswith(("table_", "reference_"))]
+               if quantity(role) != "torque" and not role.startswith(("table_", "reference_"))]
     seen: list[tuple[np.ndarray, np.ndarray]] = []
     for first, second in sorted(combinations(motions, 2), key=lambda pair: _body(pair[0]) != _body(pair[1])):
         a, b = signals[first], signals[second]
         pair = (a.time, b.time)
         if np.array_equal(a.time, b.time) or any(_same(pair, other) for other in seen):
             continue
-        found = estimate(a, b, ROLES[first] == "angle", ROLES[second] == "angle")
+        found = estimate(a, b, quantity(first) == "angle", quantity(second) == "angle")
         if found is None:
             continue
         seen.append(pair)

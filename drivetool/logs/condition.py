@@ -22,7 +22,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData, nearest
-from drivetool.logs.experiment import INPUTS, ROLES, Experiment
+from drivetool.logs.experiment import Experiment
+from drivetool.logs.roles import INPUTS, ROLES, ordered, role_of
 from drivetool.logs.speed_check import differentiate
 from drivetool.logs.spikes import despiked
 from drivetool.logs.zero_phase import low_pass
@@ -83,7 +84,7 @@ def parse_step(text: str) -> Step:
             more = [] if name in _ALL_ALIKE else ["roles"]
             raise BadOption(f"a known option of {name}", f"'{word}'", nearest(key, [*known, *more]))
     for role in roles:
-        if role not in ROLES:
+        if role_of(role) is None:
             raise BadOption(f"a known role for {name}", f"'{role}'", nearest(role, ROLES))
     for key, (default, _, _) in known.items():
         if default is None and key not in given:
@@ -243,7 +244,7 @@ def _integrate(experiment: Experiment, step: Step) -> Result:
                                 "Leave integrate out: nothing tells how far it moved there.")
             angle[first:last] = np.cumsum(speed[first:last]) * experiment.step
         signals.setdefault(f"{role[:-6]}_angle", angle)
-    return (replace(experiment, signals={r: signals[r] for r in ROLES if r in signals}), {},
+    return (replace(experiment, signals={r: signals[r] for r in ordered(signals)}), {},
             f"{', '.join(roles)} summed up to angles from zero")
 
 

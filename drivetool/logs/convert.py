@@ -9,7 +9,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
-from drivetool.logs.experiment import ROLES, Channel, Recording
+from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.roles import ordered, quantity
 from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
 from drivetool.logs.wrap import looks_unsigned, looks_wrapped, unwrap
 
@@ -35,7 +36,7 @@ class Signal:
 
 def to_signals(recording: Recording, chosen: Mapping[str, str],
                channel_map: ChannelMap | None) -> tuple[dict[str, Signal], list[Finding]]:
-    """Every chosen channel in SI, in the order of ROLES; infinite and impossibly large values are none.
+    """Every chosen channel in SI, in the order of the roles; infinite and impossibly large values are none.
 
     chosen   role -> channel name
     returns  role -> Signal, findings
@@ -44,9 +45,7 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
     signals: dict[str, Signal] = {}
     findings: list[Finding] = []
     seen: list[tuple[Channel, np.ndarray, np.ndarray]] = []
-    for role in ROLES:
-        if role not in chosen:
-            continue
+    for role in ordered(chosen):
         channel = recording.channels[chosen[role]]
         entry = channel_map.roles[role] if channel_map else RoleEntry(chosen[role])
         values, si, more = _convert(channel, entry, role, recording.name)
@@ -81,14 +80,14 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
              log: str) -> tuple[np.ndarray, str, list[Finding]]:
     """((n,) values in SI, SI unit, findings); values that are SI already are passed on untouched."""
     where = f"{role} (channel '{entry.channel}') in {log}"
-    unit = parse_unit(entry.unit or channel.unit, ROLES[role], where)
+    unit = parse_unit(entry.unit or channel.unit, quantity(role), where)
     require_scale(role, unit, entry)
     values, findings = channel.values, []
     if entry.absent is not None:
         values = np.where(np.isnan(values), entry.absent, values)
     if entry.wrap is not None:
         values, findings = unwrap(values, entry.wrap, role)
-    elif ROLES[role] == "angle":
+    elif quantity(role) == "angle":
         findings = looks_wrapped(values, role, unit.text)
     else:
         findings = looks_unsigned(values, role)
@@ -99,7 +98,7 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
     if entry.sign < 0:
         values = -values
     if unit.dimension == RELATIVE:
-        rated = parse_unit(entry.rated.unit, ROLES[role], where)
+        rated = parse_unit(entry.rated.unit, quantity(role), where)
         return rated.to_si(unit.to_si(values) * entry.rated.value), rated.si, findings
     if unit.dimension == COUNTS:
         return values * (2 * np.pi / entry.per_rev), unit.si, findings
@@ -112,8 +111,8 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, lis
     The chain has one torque unit and one motion unit; only a table behind a ratio may move in
     another one than the motors.
     """
-    torques = {role: s.si for role, s in signals.items() if ROLES[role] == "torque"}
-    motions = {role: s.si.removesuffix("/s") for role, s in signals.items() if ROLES[role] != "torque"}
+    torques = {role: s.si for role, s in signals.items() if quantity(role) == "torque"}
+    motions = {role: s.si.removesuffix("/s") for role, s in signals.items() if quantity(role) != "torque"}
     turning = {role: si for role, si in motions.items() if not role.startswith("table_")}
     for what, units in (("torque", torques), ("motion", turning)):
         if len(set(units.values())) > 1:

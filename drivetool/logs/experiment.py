@@ -12,48 +12,6 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 
-# role -> dimension; "torque" is Nm, N or A, "angle" rad or m, "speed" rad/s or m/s.
-ROLES: Mapping[str, str] = {
-    "motor_torque": "torque",
-    "motor_speed": "speed",
-    "motor_angle": "angle",
-    "shaft_torque": "torque",
-    "load_speed": "speed",
-    "load_angle": "angle",
-    "load_torque": "torque",
-    "motor2_torque": "torque",
-    "motor2_speed": "speed",
-    "motor2_angle": "angle",
-    "table_speed": "speed",
-    "table_angle": "angle",
-    # What the loop is asked to do: for the indirect estimate in closed loop, never an input of the drive.
-    "reference_torque": "torque",
-    "reference_speed": "speed",
-    "reference_angle": "angle",
-}
-
-# role -> what is measured there, in words; a body or shaft is one of the drive.
-ROLE_MEANINGS: Mapping[str, str] = {
-    "motor_torque": "torque of the motor: the command, or a measurement of it (see `torque_is` in the channel map)",
-    "motor_speed": "speed of the motor",
-    "motor_angle": "angle of the motor",
-    "shaft_torque": "torque in the shaft behind the motor, positive where the motor drives the load",
-    "load_speed": "speed of the load, the last body of the drive",
-    "load_angle": "angle of the load",
-    "load_torque": "external torque on the load, positive where it brakes forward motion",
-    "motor2_torque": "torque of a second motor, for a drive with a body `motor2`",
-    "motor2_speed": "speed of the second motor",
-    "motor2_angle": "angle of the second motor",
-    "table_speed": "speed of a table, for a drive with a body `table`; in m/s it may be behind a motor in rad/s",
-    "table_angle": "angle or position of the table",
-    "reference_torque": "torque that the loop is asked for, or an excitation that is added to the torque",
-    "reference_speed": "speed that the loop is asked for",
-    "reference_angle": "angle that the loop is asked for",
-}
-
-# What is commanded, and so stays until the next value; everything else is a sensor.
-INPUTS = ("motor_torque", "motor2_torque", "load_torque")
-
 TorqueIs = Literal["command", "measurement", "unknown"]
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
 from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
-from drivetool.logs.experiment import ROLES, Channel, Recording
+from drivetool.logs.experiment import Channel, Recording
 from drivetool.logs.long_table import is_long, read_long
+from drivetool.logs.roles import ROLES
 from drivetool.logs.table_time import from_step, origin_of, table_time, time_column
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.logs.condition import LEAST, Step
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import INPUTS
+from drivetool.logs.roles import INPUTS
 
 Part = tuple[float, float]
 WHOLE: tuple[Part, ...] = ((0.0, math.inf),)

@@ -29,13 +29,14 @@ READERS = {".parquet": read_parquet, ".mcap": read_mcap}
 
 
 def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
-                   choose: Choose | None = None) -> Recording:
+                   choose: Choose | None = None, further: Sequence[str] = ()) -> Recording:
     """A log file as it was, with the channels that the roles need.
 
     path         .parquet or .mcap, or a folder of the parts of a .parquet
     channel_map  which channel plays which role; None takes channels named like the roles
     choose       other channels than those of the roles: names there are -> names to read; then
                  what cannot be read is left out and said, instead of refused
+    further      roles that the drive has besides those of the table; without a map channels may be named like them
     returns      Recording
     raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
     """
@@ -51,7 +52,7 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
         raise BadRecording(f"data in {path.name}", "an empty file", "Record or export it again.")
     lenient = choose is not None
     if choose is None:
-        choose = partial(_for_roles, channel_map=channel_map, log=path.name)
+        choose = partial(_for_roles, channel_map=channel_map, log=path.name, further=further)
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_digest, path)
@@ -69,6 +70,7 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _for_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str) -> Sequence[str]:
+def _for_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
+               further: Sequence[str]) -> Sequence[str]:
     """The channels that play a role."""
-    return list(choose_channels(available, channel_map, log).values())
+    return list(choose_channels(available, channel_map, log, further).values())

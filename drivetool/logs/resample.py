@@ -12,8 +12,8 @@ from drivetool.logs.clean_clock import Clock, clean_clock
 from drivetool.logs.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step
 from drivetool.logs.clock_offset import clock_offsets
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import INPUTS
 from drivetool.logs.rate import CUT_OFF, FASTER, average, held_for, low_passed
+from drivetool.logs.roles import INPUTS
 
 
 @dataclass(frozen=True)

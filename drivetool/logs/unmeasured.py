@@ -14,7 +14,8 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.logs.clock import median_step
 from drivetool.logs.convert import Signal
-from drivetool.logs.experiment import INPUTS, ROLES, Experiment
+from drivetool.logs.experiment import Experiment
+from drivetool.logs.roles import INPUTS, quantity
 from drivetool.logs.spikes import MAD, despiked, held, quantum, running
 
 LEAST, ENOUGH = 50, 100_000  # samples that tell anything, and that tell whether a sensor is coarse
@@ -125,7 +126,7 @@ def _cut_off(role: str, values: np.ndarray, _: np.ndarray) -> Look:
 def _unsupported(role: str, values: np.ndarray, _: np.ndarray) -> Look:
     """Single samples of a motion that no neighbour supports: what has mass does not jump there and back."""
     missing = np.zeros(len(values), bool)
-    if ROLES[role] == "torque":  # that of a shaft may: a gap that closes makes a peak of one sample
+    if quantity(role) == "torque":  # that of a shaft may: a gap that closes makes a peak of one sample
         return missing, []
     known = np.flatnonzero(np.isfinite(values))
     given = values[known]

@@ -14,7 +14,8 @@ from tests.simulator.machine import machine_by_seed
 
 MACHINE = machine_by_seed(1)
 NAMES = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque")
-SLIPS = (1203, 2741, 2742, 4400)
+# Where the motion is fast enough to hide them from a look at the sensor alone (unsupported-samples).
+SLIPS = (1500, 2741, 2742, 4400)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def slipped(record, size):
 
 
 def test_slips_of_a_sensor_are_left_out_and_said(record):
-    clean, found = fitted(record), fitted(slipped(record, 60.0))
+    clean, found = fitted(record), fitted(slipped(record, 20.0))
     assert "samples-left-out" not in {f.code for f in clean.findings}
     (left,) = [f for f in found.findings if f.code == "samples-left-out"]
     assert len(SLIPS) <= left.evidence["count"] <= 4 * len(SLIPS)

@@ -1,0 +1,80 @@
+"""The one table of roles: what a channel of a recording can be, and what that means for every step."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Quantity = Literal["torque", "speed", "angle"]
+Kind = Literal["input", "sensor", "reference"]
+
+
+@dataclass(frozen=True)
+class Role:
+    """What is measured or commanded there.
+
+    quantity  "torque" is Nm, N or A; "speed" rad/s or m/s; "angle" rad or m. Positive is forward
+    kind      an input drives the model and stays until its next value; a sensor is compared with the model; a
+              reference is what the loop is asked for
+    meaning   in words
+    """
+
+    quantity: Quantity
+    kind: Kind
+    meaning: str
+
+
+ROLES: Mapping[str, Role] = MappingProxyType({
+    "motor_torque": Role("torque", "input", "torque of the motor: the command, or a measurement of it (see "
+                                            "`torque_is` in the channel map)"),
+    "motor_speed": Role("speed", "sensor", "speed of the motor"),
+    "motor_angle": Role("angle", "sensor", "angle of the motor"),
+    "shaft_torque": Role("torque", "sensor",
+                         "torque in the shaft behind the motor, positive where the motor drives the load"),
+    "load_speed": Role("speed", "sensor", "speed of the load, the last body of the drive"),
+    "load_angle": Role("angle", "sensor", "angle of the load"),
+    "load_torque": Role("torque", "input", "external torque on the load, positive where it brakes forward motion"),
+    "motor2_torque": Role("torque", "input", "torque of a second motor, for a drive with a body `motor2`"),
+    "motor2_speed": Role("speed", "sensor", "speed of the second motor"),
+    "motor2_angle": Role("angle", "sensor", "angle of the second motor"),
+    "table_speed": Role("speed", "sensor", "speed of a table, for a drive with a body `table`; in m/s it may be "
+                                           "behind a motor in rad/s"),
+    "table_angle": Role("angle", "sensor", "angle or position of the table"),
+    "reference_torque": Role("torque", "reference", "torque that the loop is asked for, or an excitation that is "
+                                                    "added to the torque"),
+    "reference_speed": Role("speed", "reference", "speed that the loop is asked for"),
+    "reference_angle": Role("angle", "reference", "angle that the loop is asked for"),
+})
+INPUTS = tuple(name for name, role in ROLES.items() if role.kind == "input")
+
+# Any further body or shaft of a drive, by its name there.
+FURTHER: Mapping[str, Role] = MappingProxyType({
+    "speed": Role("speed", "sensor", "speed of the body of that name"),
+    "angle": Role("angle", "sensor", "angle or position of the body of that name"),
+    "torque": Role("torque", "sensor",
+                   "torque in the shaft of that name, positive where it drives what is behind it"),
+})
+PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(FURTHER)})$"
+
+
+def role_of(name: str) -> Role | None:
+    """The role of a name, that of a further body or shaft included; None: a name that no role can have."""
+    if name in ROLES:
+        return ROLES[name]
+    return FURTHER[name.rpartition("_")[2]] if re.match(PATTERN, name) else None
+
+
+def quantity(name: str) -> Quantity:
+    """What a role is, by its name."""
+    found = role_of(name)
+    assert found is not None
+    return found.quantity
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Roles in the order of the table, further ones behind by name."""
+    order = {name: i for i, name in enumerate(ROLES)}
+    return sorted(names, key=lambda name: (order.get(name, len(order)), name))
