@@ -54,7 +54,7 @@ def validate_torque(experiments: Sequence[Experiment], models: Sequence[tuple[st
             findings += remarks.of_fit(check, options, "The motion asks for less of")
     unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
-                      tuple((e.name, e.sha256) for e in experiments), {}, tuple(exhibits))
+                      tuple(e.source for e in experiments), {}, tuple(exhibits))
 
 
 def _checked(name: str, file: str, e: Experiment, drive: Drive,

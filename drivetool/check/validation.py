@@ -9,6 +9,7 @@ from typing import Literal
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit
 from drivetool.identify.start import Start
+from drivetool.logs.experiment import Source
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,6 @@ class Validation:
     checks: tuple[RecordCheck, ...]
     verdict: str
     findings: tuple[Finding, ...] = ()
-    data: tuple[tuple[str, str], ...] = ()
+    data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()

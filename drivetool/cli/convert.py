@@ -44,7 +44,7 @@ def run(job: Job) -> int:
                         "Name it by what it holds.")
     check_outputs(job)
     channel_map = load_channel_map(job.map)
-    converted = in_si(read_recording(job.logs[0], channel_map), channel_map)
+    converted = in_si(read_recording(job.log, channel_map), channel_map)
     write_whole(job.out, recording_bytes(converted))
     if not job.quiet:
         tables.print_findings(finding_sections(converted.findings), Console(stderr=True, highlight=False))

@@ -48,12 +48,13 @@ def command(
 
     def work() -> int:
         from drivetool.check.diagnosis import DiagnoseOptions
+        from drivetool.cli.folders import recordings_in
 
         codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
         if candidates and not codes:
             raise BadOption("at least one cause after --candidates", f"'{candidates}'",
                             "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(held), DiagnoseOptions(codes, error_budget, rounds, seed), report)
+        return run(job, len(recordings_in(held)), DiagnoseOptions(codes, error_budget, rounds, seed), report)
 
     guarded("diagnose", work, debug, quiet)
 

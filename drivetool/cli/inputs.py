@@ -7,9 +7,10 @@ import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from drivetool.errors import BadOption, BadParameters, BadRecording
+from drivetool.errors import BadOption, BadParameters, BadRecording, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -24,7 +25,7 @@ class Job:
     """What every command that reads recordings was asked; the words of cli/options.py."""
 
     step: str
-    logs: Sequence[str]
+    given: Sequence[str]  # recordings, and folders of them
     params: Sequence[str] = ()
     map: str | None = None
     drive: str | None = None
@@ -39,6 +40,21 @@ class Job:
     more: Sequence[str] = ()  # files read by an option that this command alone has
     start: Sequence[str] = ()
     record: Sequence[str] = ()
+
+    @cached_property
+    def logs(self) -> list[str]:
+        """The recordings; BadOption, see recordings_in."""
+        from drivetool.cli.folders import recordings_in
+
+        return recordings_in(self.given)
+
+    @property
+    def log(self) -> str:
+        """The recording of a step that takes one; BadOption: a folder with several."""
+        if len(self.logs) > 1:
+            raise BadOption("one recording", f"{len(self.logs)} in the folder {self.given[0]}",
+                            "Name one of them.", self.logs)
+        return self.logs[0]
 
     @property
     def inputs(self) -> list[str]:
@@ -74,21 +90,34 @@ def open_all(job: Job) -> Opened:
     for text in job.condition:
         parse_step(text)
     further = _further_roles(job, loaded, shape)
-    experiments = tuple(open_experiment(log, channel_map, job.condition, further) for log in job.logs)
+    experiments = []
+    for log in job.logs:
+        with _as_given(log):
+            experiments.append(open_experiment(log, channel_map, job.condition, further))
     _one_kind(experiments)
-    return Opened(experiments, loaded, shape)
+    return Opened(tuple(experiments), loaded, shape)
+
+
+@contextlib.contextmanager
+def _as_given(log: str) -> Iterator[None]:
+    """Errors name a recording by its path as given; results know an absolute one by its file's name alone."""
+    try:
+        yield
+    except DriveToolError as error:
+        name = os.path.basename(log)
+        if not os.path.isabs(log) or log in f"{error.wanted} {error.found}":
+            raise
+        raise type(error)(error.wanted.replace(name, log), error.found.replace(name, log), error.do,
+                          error.available) from None
 
 
 def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
     """The roles of bodies and shafts that the drive has besides those of the table."""
-    from drivetool.drive.chain import KNOWN_DRIVES, two_mass
+    from drivetool.drive.chain import KNOWN_DRIVES
     from drivetool.identify.setup import sensors_of
     from drivetool.logs.roles import ROLES
 
-    if shape:
-        drive = shape.structure(two_mass())
-    else:
-        drive = KNOWN_DRIVES[job.drive]() if job.drive else loaded.structure(two_mass())
+    drive = KNOWN_DRIVES[job.drive]() if job.drive and not shape else (shape or loaded).chain()
     return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
 
 

@@ -33,5 +33,5 @@ def run(job: Job) -> int:
     from drivetool.logs.inspect import inspect_log
 
     check_outputs(job)
-    found = inspect_log(job.logs[0], load_channel_map(job.map))
+    found = inspect_log(job.log, load_channel_map(job.map))
     return deliver(job, inspection_file(found, finding_sections(found.findings)), [exhibit(found)])

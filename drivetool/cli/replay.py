@@ -47,7 +47,7 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
     verdict = f"Replayed {name} on {', '.join(dict.fromkeys(c.file for c in checks))}: " + (
         f"{len(missed)} of {len(checks)} signals missed a bar." if missed else
         "every bar that was set is met." if options.min_fit is not None else "no bar was set.")
-    data = tuple((e.name, e.sha256) for e in experiments)
+    data = tuple(e.source for e in experiments)
     return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(exhibits)), (name, digest)
 
 

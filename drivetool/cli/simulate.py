@@ -49,6 +49,7 @@ def run(job: Job, segment: float) -> int:
     if not job.out.lower().endswith(".parquet"):
         raise BadOption("a file name that ends in .parquet after --out", f"'{job.out}'",
                         "The table is binary; write for example '--out sim.parquet'.")
+    _ = job.log
     opened = open_all(job)
     experiment, = opened.experiments
     drive = drive_for(job, opened)

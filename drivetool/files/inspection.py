@@ -12,10 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from drivetool.errors import Finding
+from drivetool.files.result_file import file_sections
 from drivetool.files.shapes import FileSection, FindingSection, Number, Shape
 from drivetool.files.text import plain
 from drivetool.identify.estimate import Exhibit
 from drivetool.logs.clean_clock import FAR
+from drivetool.logs.experiment import Source, began
 from drivetool.logs.inspect import ChannelReport, Inspection
 
 INSPECTION_SCHEMA = "drivetool/inspection/1"
@@ -82,7 +84,8 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
     return InspectionFile(
         schema=INSPECTION_SCHEMA, origin=recording.origin, channels=[_section(each) for each in found.channels],
         unreadable=dict(recording.unreadable), experiment=section, findings=findings,
-        data=[FileSection(file=recording.name, sha256=recording.sha256)])
+        data=file_sections([experiment.source if experiment else
+                            Source(recording.name, recording.sha256, began(recording.origin))]))
 
 
 def _section(report: ChannelReport) -> ChannelSection:

@@ -64,7 +64,11 @@ class Loaded:
                  recordings; None: two masses in the units of the files
         raises   BadParameters: a name, unit or value the drive cannot take
         """
-        return self.fill(self.structure(default or two_mass(*self._own_units())))
+        return self.fill(self.structure(default) if default else self.chain())
+
+    def chain(self) -> Drive:
+        """The bodies and shafts alone, in the units of the files; two masses where no file has a drive section."""
+        return self.structure(two_mass(*self._own_units()))
 
     def structure(self, default: Drive) -> Drive:
         """The chain the last drive section describes, in the units of `default`; no values."""

@@ -159,9 +159,9 @@ def finding_sections(findings: Iterable[Finding]) -> list[shapes.FindingSection]
         for f in findings]
 
 
-def file_sections(pairs: Iterable[tuple[str, str]]) -> list[shapes.FileSection]:
-    """(name, sha256) pairs as sections."""
-    return [shapes.FileSection(file=name, sha256=digest) for name, digest in pairs]
+def file_sections(files: Iterable[Sequence[str | None]]) -> list[shapes.FileSection]:
+    """(name, sha256) of files, and of recordings the time at which they began, as sections."""
+    return [shapes.FileSection(*(text for text in each if text is not None)) for each in files]
 
 
 def tool_section() -> shapes.Tool:

@@ -106,6 +106,8 @@ class FileSection(Shape):
 
     file: str
     sha256: str
+    began: Annotated[
+        str | UnsetType, Meta(description="when the recording began by its own clock (UTC)")] = UNSET
 
 
 class CheckSection(Shape):

@@ -103,7 +103,7 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
         "blackbox", after, lines, how_it_ended(outcome), figures, _covariance(physical, lines, numbers, sure),
         noise, {**figured, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
                 "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more), tuple((e.name, e.sha256) for e in task.experiments), {},
+        (*own, *more), tuple(e.source for e in task.experiments), {},
         (*record_exhibits(outcome, traces, runs), bode(form, outcome, drive)))
 
 

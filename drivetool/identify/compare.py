@@ -27,7 +27,7 @@ from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit
 from drivetool.identify.sums import with_totals
-from drivetool.logs.experiment import Experiment, numbered
+from drivetool.logs.experiment import Experiment, Source, numbered
 
 PHYSICAL = ("physical", "physical-innovations")
 STRUCTURES = (*KINDS, *PHYSICAL)
@@ -102,7 +102,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     outcome: str
     findings: tuple[Finding, ...]
-    data: tuple[tuple[str, str], ...]
+    data: tuple[Source, ...]
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
 
@@ -132,7 +132,7 @@ def compare(experiments: Sequence[Experiment], drive: Drive, options: CompareOpt
     return Comparison(
         tuple(models), cross, tuple(spread_of(models, names)), tuple(d for each in apart for d in each),
         _outcome(cross), (*_findings(models, cross), *(f for each in apart for f in told(each, bool(machines)))),
-        tuple((e.name, e.sha256) for e in experiments), {}, _pictures(models, experiments[0].step))
+        tuple(e.source for e in experiments), {}, _pictures(models, experiments[0].step))
 
 
 def _differences(structure: str, figures: Mapping[str, Mapping[str, tuple[float, float | None, str]]],

@@ -66,7 +66,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
          **_known_start(task)},
         (*findings, *more, *noise_findings),
-        tuple((e.name, e.sha256) for e in task.experiments), {},
+        tuple(e.source for e in task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
 

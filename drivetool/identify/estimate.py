@@ -10,6 +10,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
+from drivetool.logs.experiment import Source
 
 Status = Literal["fitted", "held", "at-bound", "not-identifiable"]
 
@@ -121,7 +122,7 @@ class Estimate:
     noise: Mapping[str, float] = field(default_factory=dict)
     details: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
-    data: tuple[tuple[str, str], ...] = ()
+    data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
     starts: Starts | None = None

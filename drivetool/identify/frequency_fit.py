@@ -225,7 +225,7 @@ def greybox_by_frequency(experiments: Sequence[Experiment], drive: Drive, free: 
         f"lines from {r.frequency[0]:.4g} to {r.frequency[-1]:.4g} Hz, weighted by {options.weighting}",
         figures, covariance, {}, {"criterion": "frequency", "weighting": options.weighting,
             "spectra": dict(s.settings)},
-        (*s.findings, *more, *_findings(chi, options)), tuple((e.name, e.sha256) for e in experiments), {},
+        (*s.findings, *more, *_findings(chi, options)), tuple(e.source for e in experiments), {},
         (picture(problem, solution, s),))
 
 

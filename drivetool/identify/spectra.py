@@ -14,7 +14,7 @@ from drivetool.identify.feedback import Feedback, feedback_of
 from drivetool.identify.frf import ESTIMATORS, Response, Welch, welch_response
 from drivetool.identify.periodic import Distortion, Lines, distortions, lines_of, period_of, periodic_response
 from drivetool.identify.spectra_findings import findings_of, peaks_of, pictures
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, Source
 
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
@@ -75,7 +75,7 @@ class Spectrum:
     settings: Mapping[str, object]
     peaks: tuple[Mapping[str, object], ...]
     findings: tuple[Finding, ...]
-    data: tuple[tuple[str, str], ...]
+    data: tuple[Source, ...]
     exhibits: tuple[Exhibit, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
 
@@ -127,7 +127,7 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     rate = f"{e.motion_unit}/s" if not output.endswith("torque") else e.torque_unit
     draft = Spectrum(
         "motor_torque", output, f"{rate}/{e.torque_unit}", found, tuple(each), _spread(found, each), levels,
-        loop, settings, (), (), tuple((x.name, x.sha256) for x in experiments))
+        loop, settings, (), (), tuple(x.source for x in experiments))
     draft = replace(draft, peaks=peaks_of(found))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))
 

@@ -143,7 +143,7 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
              "chi2_dof": sum(line.dof for *_, line in results)},
         covariance=_covariance(results),
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
-        findings=tuple(findings), data=tuple((e.name, e.sha256) for e in experiments),
+        findings=tuple(findings), data=tuple(e.source for e in experiments),
         exhibits=exhibits(experiments, results, drive))
 
 

@@ -193,7 +193,7 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figur
          "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
         covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table) | own,
         (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why, simulation)),
-        tuple((e.name, e.sha256) for e in experiments), {}, _exhibits(figures, data, pairs, experiments[0]))
+        tuple(e.source for e in experiments), {}, _exhibits(figures, data, pairs, experiments[0]))
 
 
 def _details(f: Figures, table: list[dict]) -> dict[str, object]:

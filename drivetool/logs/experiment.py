@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, NamedTuple
 from zlib import crc32
 
 import numpy as np
@@ -13,6 +15,26 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 
 TorqueIs = Literal["command", "measurement", "unknown"]
+
+
+# A clock that counts from 1970 is beyond this since 2001; one that counts from when a machine was started gets here
+# in thirty years.
+SINCE_1970 = 1e9
+
+
+class Source(NamedTuple):
+    """A recording as a result names it: name, SHA-256, and the time at which it began as logged (UTC), if any."""
+
+    file: str
+    sha256: str
+    began: str | None = None
+
+
+def began(start: float) -> str | None:
+    """Seconds of a log's clock as a date (UTC); None: they count from something else than 1970."""
+    if not SINCE_1970 < start < 10 * SINCE_1970:
+        return None
+    return datetime.fromtimestamp(round(start, 6), UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 @dataclass(frozen=True)
@@ -34,7 +56,8 @@ class Channel:
 class Recording:
     """A log file as it was: each channel on its own clock.
 
-    name      file name without folder; sha256 of the file, set by read_recording
+    name      path as given, of an absolute one the file's name (see shown)
+    sha256    of the file, set by read_recording
     channels  by name, those that were asked for; channels of one clock share its time array
     findings  what the reader repaired or lost
     origin    seconds on the log's clock at which the channels' times count from; apart from
@@ -54,7 +77,7 @@ class Recording:
 class Experiment:
     """Signals by role on one uniform grid.
 
-    name         file name without folder
+    name         path as given, of an absolute one the file's name (see shown)
     sha256       of the log file
     step         sample interval [s]
     start        time of the first sample on the log's clock [s]
@@ -78,6 +101,11 @@ class Experiment:
     torque_is: TorqueIs = "unknown"
     findings: tuple[Finding, ...] = field(default=())
     offset: float = 0.0
+
+    @property
+    def source(self) -> Source:
+        """The file that it came from."""
+        return Source(self.name, self.sha256, began(self.start - self.offset))
 
     @property
     def number(self) -> int:
@@ -109,6 +137,11 @@ class Experiment:
         return replace(
             self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})
+
+
+def shown(path: Path) -> str:
+    """What results and messages call a recording: its path as given; of an absolute one, the file's name alone."""
+    return path.name if path.is_absolute() else path.as_posix()
 
 
 def number_of(sha256: str) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
 from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
-from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.experiment import Channel, Recording, shown
 from drivetool.logs.long_table import is_long, read_long
 from drivetool.logs.roles import ROLES
 from drivetool.logs.table_time import from_step, origin_of, table_time, time_column
@@ -40,34 +40,34 @@ def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,
     """
     with ExitStack() as stack:
         files, findings = _open(path, stack)
-        schema, twice = _unique(files[0].schema_arrow, path.name)
+        schema, twice = _unique(files[0].schema_arrow, shown(path))
         if all(file.metadata.num_rows == 0 for file in files):
-            raise BadRecording(f"samples in {path.name}", "a table without rows",
+            raise BadRecording(f"samples in {shown(path)}", "a table without rows",
                                "Record or export it again.")
         if is_long(schema, channel_map):
-            tables = _read(files, None, path.name, findings)
-            return read_long(tables, schema, path.name, choose, channel_map, findings, lenient)
-        stamps = _stamps(schema, channel_map, path.name)
+            tables = _read(files, None, shown(path), findings)
+            return read_long(tables, schema, shown(path), choose, channel_map, findings, lenient)
+        stamps = _stamps(schema, channel_map, shown(path))
         names = flat_names(schema, [each for each in stamps.values() if each])
         if channel_map:
             asked = [entry.channel for entry in channel_map.roles.values()]
             names |= {text: steps for text in asked if text not in names for steps in [steps_of(text, schema)]
                       if steps}
         if not lenient:
-            _refuse_repeated(twice, channel_map, path.name)
+            _refuse_repeated(twice, channel_map, shown(path))
         wanted = list(dict.fromkeys(choose(list(names))))
         clocks = [steps_of(each, schema)[0] for each in stamps.values() if each]
         columns = list(dict.fromkeys([*clocks, *(names[name][0] for name in wanted)]))
         unreadable = {name: f"{count} columns have this name" for name, count in twice.items()}
         lost: list[Finding] = []
-        tables = _read(files, columns, path.name, lost, lenient)
+        tables = _read(files, columns, shown(path), lost, lenient)
         if lost and lenient:
             # One damaged column must not cost the rows of the others.
             columns = [*clocks, *_readable(files, columns[len(set(clocks)):], unreadable)]
             wanted, lost = [name for name in wanted if names[name][0] in columns], []
-            tables = _read(files, columns, path.name, lost)
+            tables = _read(files, columns, shown(path), lost)
         findings += lost
-    return _recording(tables, schema, wanted, names, stamps, channel_map, path.name, findings,
+    return _recording(tables, schema, wanted, names, stamps, channel_map, shown(path), findings,
                       unreadable if lenient else None)
 
 
@@ -112,17 +112,17 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
             reason = str(problem).splitlines()[0].split(". ")[0][:100]
     if not files:
         raise BadRecording(
-            f"Parquet files in the folder {path.name}" if path.is_dir() else f"a Parquet file in {path.name}",
+            f"Parquet files in the folder {shown(path)}" if path.is_dir() else f"a Parquet file in {shown(path)}",
             f"something else ({reason})" if reason else "none",
             "Record or export it again; a half-written Parquet file cannot be read.")
     first = files[0].schema_arrow
     for part, file in zip([p for p in parts if p.name not in broken], files, strict=False):
         if set(file.schema_arrow.names) != set(first.names):
-            raise BadRecording(f"the same columns in all files of {path.name}",
+            raise BadRecording(f"the same columns in all files of {shown(path)}",
                                f"{', '.join(file.schema_arrow.names)} in {part.name}",
                                "Put recordings of different kinds into different folders.", first.names)
     findings = [Finding("warning", "damaged-log",
-                        f"{', '.join(broken)} of {path.name} cannot be read ({reason}); the other "
+                        f"{', '.join(broken)} of {shown(path)} cannot be read ({reason}); the other "
                         f"{len(files)} files are used.", {"files": len(broken), "of": len(parts)},
                         "Record or export it again.")] if broken else []
     return files, findings

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import ChannelMap, choose_channels
-from drivetool.logs.experiment import Recording
+from drivetool.logs.experiment import Recording, shown
 from drivetool.logs.parquet import read_parquet
 
 # Given the names of all channels in a log, those to read.
@@ -46,13 +46,13 @@ def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
         raise BadRecording("a recording", f"no file {path}", "Check the path.")
     kind = ".parquet" if path.is_dir() else path.suffix.lower()
     if kind not in READERS:
-        raise BadRecording("a recording with a known suffix", path.name,
+        raise BadRecording("a recording with a known suffix", shown(path),
                            "Export the log to Parquet or MCAP.", READERS)
     if not path.is_dir() and path.stat().st_size == 0:
-        raise BadRecording(f"data in {path.name}", "an empty file", "Record or export it again.")
+        raise BadRecording(f"data in {shown(path)}", "an empty file", "Record or export it again.")
     lenient = choose is not None
     if choose is None:
-        choose = partial(_for_roles, channel_map=channel_map, log=path.name, further=further)
+        choose = partial(_for_roles, channel_map=channel_map, log=shown(path), further=further)
     with ThreadPoolExecutor(1) as pool:
         # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
         sha256 = pool.submit(_digest, path)

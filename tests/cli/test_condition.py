@@ -50,7 +50,7 @@ def test_the_list_of_commands_is_right():
 def test_every_command_passes_the_steps_on(folder, call, monkeypatch, command):
     seen = []
 
-    def stop(log, channel_map, steps):
+    def stop(log, channel_map, steps, further):
         seen.append(list(steps))
         raise BadRecording("anything", "a stop", "Go on.")
 

@@ -210,6 +210,7 @@ def write_everything(folder):
     pq.write_table(pa.table({"channel": ["torque", "speed"] * 2400, "time": twice,
                              "value": np.column_stack([torque, speed]).ravel()}), paths[-2])
     paths[-1].mkdir()
+    pq.write_metadata(table.schema, paths[-1] / "_common_metadata")
     for i in range(4):
         pq.write_table(table.slice(600 * i, 600), paths[-1] / f"{i}.parquet", row_group_size=70)
     (folder / "map.yaml").write_text("""schema: drivetool/channel-map/1

@@ -16,16 +16,18 @@ from drivetool.logs.roles import ROLES
 
 N, STEP = 3000, 1e-3
 # Two motors on one line, and a turntable behind a gear; what is behind the gear counts there.
-TRUE = {"motor.inertia": 0.9, "motor2.inertia": 0.7, "table.inertia": 403.8, "shaft.stiffness": 9e3,
-        "shaft.damping": 6.0, "shaft2.stiffness": 1.6e6, "shaft2.damping": 1.6e3}
+TRUE = {
+    "motor.inertia": 0.9, "motor2.inertia": 0.7, "table.inertia": 403.8, "shaft.stiffness": 9e3,
+    "shaft.damping": 6.0, "shaft2.stiffness": 1.6e6, "shaft2.damping": 1.6e3}
 RATIO = 20.0
-NOISE = {"motor_speed": 0.02, "motor2_speed": 0.02, "table_speed": 0.001, "shaft_torque": 1.0, "shaft2_torque": 20.0}
+NOISE = {"motor_speed": 0.02, "motor2_speed": 0.02, "table_speed": 0.001, "shaft_torque": 1.0,
+         "shaft2_torque": 20.0}
 UNITS = {"motor_torque": "Nm", "motor2_torque": "Nm", "motor_speed": "rad/s", "motor2_speed": "rad/s",
          "table_speed": "rad/s", "shaft_torque": "Nm", "shaft2_torque": "Nm"}
 
 
 def feed(seed=4):
-    """Signals of the feed, exact under torques that are held, by a matrix exponential of the equations of motion."""
+    """Signals of the feed, exact under torques that are held, by a matrix exponential of its equations."""
     k1, c1, k2, c2 = (TRUE[n] for n in ("shaft.stiffness", "shaft.damping", "shaft2.stiffness", "shaft2.damping"))
     j = [TRUE[f"{b}.inertia"] for b in ("motor", "motor2", "table")]
     first = np.array([c1, -c1, 0.0, k1, 0.0])  # torque in each shaft over (three speeds, two twists)
@@ -194,5 +196,5 @@ def test_a_further_body_is_found_by_its_name_without_a_map(place, call):
     names = {"motor2_speed": "pinion_speed"}
     signals = {names.get(r, r): v for r, v in signals.items() if r != "motor2_torque"}
     write(place / "feed.parquet", signals)
-    code, out, err = call("simulate", "feed.parquet", "--params", "feed.yaml", "--out", "x.parquet")
+    code, _, err = call("simulate", "feed.parquet", "--params", "feed.yaml", "--out", "x.parquet")
     assert code == 0 and "pinion_speed: fit" in err and "does not use" not in err

@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.cli.main import COMMANDS
 from drivetool.finding_codes import CODES
-from drivetool.logs.experiment import ROLE_MEANINGS, ROLES
+from drivetool.logs.roles import FURTHER, ROLES
 from tests.places import ROOT
 
 FOLDER = ROOT / "docs" / "reference"
@@ -39,7 +39,8 @@ def test_no_page_is_left_over():
 def test_every_command_finding_and_role_has_its_place():
     assert all(f"(finding-{code})=" in PAGES["findings.md"] for code in CODES)
     assert all(f"(command-{name})=" in PAGES["commands.md"] for name in COMMANDS)
-    assert list(ROLE_MEANINGS) == list(ROLES)
+    assert all(f"`{role}`" in PAGES["roles.md"] for role in ROLES)
+    assert all(f"_{what}`" in PAGES["roles.md"] for what in FURTHER)
 
 
 def test_links_lead_to_a_place():

@@ -100,7 +100,7 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
     return Estimate(
         "greybox", alone.drive, lines, _outcome(fit, reference), figures, covariance, {},
         {"criterion": "inverse", "outputs": ["motor_torque"], "instruments": reference or "none"}, tuple(findings),
-        tuple((e.name, e.sha256) for e in experiments), {}, exhibits, None, _sentence(laws), laws)
+        tuple(e.source for e in experiments), {}, exhibits, None, _sentence(laws), laws)
 
 
 def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:

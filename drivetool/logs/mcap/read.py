@@ -14,7 +14,7 @@ from drivetool.errors import BadRecording, Finding
 from drivetool.logs import field_path
 from drivetool.logs.batches import batches
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
-from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.experiment import Channel, Recording, shown
 from drivetool.logs.mcap.collector import Collector
 from drivetool.logs.mcap.layout import Broken
 from drivetool.logs.mcap.source import Source
@@ -57,12 +57,12 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
         found = "none that can be read"
         if source.damage:
             found += f" ({_counted(source.damage)})"
-        raise BadRecording(f"messages in {path.name}", found, "Record or export it again.")
+        raise BadRecording(f"messages in {shown(path)}", found, "Record or export it again.")
     others = ", ".join(f"{name} ({why})" for name, why in unreadable.items())
     if not fields and not lenient:
-        raise BadRecording(f"topics of {path.name} that can be read ({', '.join(ENCODINGS)})",
+        raise BadRecording(f"topics of {shown(path)} that can be read ({', '.join(ENCODINGS)})",
                            f"only {others}", "Record or convert it with one of them, or to Parquet.")
-    names = _names(fields, channel_map, path.name, lenient)
+    names = _names(fields, channel_map, shown(path), lenient)
     try:
         wanted = list(dict.fromkeys(choose(list(names))))
     except BadRecording as problem:
@@ -70,24 +70,24 @@ def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None,
             raise
         raise BadRecording(problem.wanted, f"{problem.found}; topics that are not read: {others}",
                            problem.do, problem.available) from None
-    parts = _parts(wanted, names, fields, channel_map, None, path.name, lenient)
+    parts = _parts(wanted, names, fields, channel_map, None, shown(path), lenient)
     findings += _repeated(source, {fields[part.topic].topic for part in parts})
-    channels, origin = _decode(source, fields, parts, path.name, findings, unreadable, lenient)
+    channels, origin = _decode(source, fields, parts, shown(path), findings, unreadable, lenient)
     late = sorted({part.topic for part in parts if part.stamp is None
                    for name in part.channels if name in channels and batches(channels[name].time)})
     for stamp in STAMPS if late else ():
         more: list[Finding] = []
         try:
-            parts = _parts(wanted, names, fields, channel_map, TimeEntry(stamp), path.name, lenient)
-            steady, begin = _decode(source, fields, parts, path.name, more, unreadable, lenient)
+            parts = _parts(wanted, names, fields, channel_map, TimeEntry(stamp), shown(path), lenient)
+            steady, begin = _decode(source, fields, parts, shown(path), more, unreadable, lenient)
         except BadRecording:
             continue
         if not any(batches(each.time) for each in steady.values()):
             channels, origin = steady, begin
-            findings.append(_late_finding(late, stamp, path.name))
+            findings.append(_late_finding(late, stamp, shown(path)))
             break
     ordered = {name: channels[name] for name in wanted if name in channels}
-    return Recording(path.name, "", ordered, tuple(findings), origin, unreadable)
+    return Recording(shown(path), "", ordered, tuple(findings), origin, unreadable)
 
 
 def _open(source: Source) -> tuple[dict[str, Fields], dict[str, str]]:
@@ -230,7 +230,7 @@ def _damage(source: Source) -> list[Finding]:
         evidence["recorded"] = source.recorded
         of = f" of {source.recorded}"
     return [Finding("warning", "damaged-log",
-                    f"{source.path.name} is cut short or damaged ({_counted(source.damage)}); the "
+                    f"{shown(source.path)} is cut short or damaged ({_counted(source.damage)}); the "
                     f"{source.count} messages{of} that can be read are used.", evidence,
                     "Recover it with `mcap recover`, or record again.")]
 
@@ -238,7 +238,7 @@ def _damage(source: Source) -> list[Finding]:
 def _repeated(source: Source, topics: set[str]) -> list[Finding]:
     """One finding per channel of these topics that is left out, since another one holds its messages."""
     return [Finding("warning", "topic-recorded-twice",
-                    f"{each.topic} is in {source.path.name} twice: channel {each.channel} has the messages of "
+                    f"{each.topic} is in {shown(source.path)} twice: channel {each.channel} has the messages of "
                     f"channel {each.used} once more. Channel {each.used} is used.",
                     {"topic": each.topic, "used": each.used, "messages": each.used_count, "left_out": each.channel,
                      "messages_left_out": each.count}, "Check whether two recorders ran.")

@@ -14,6 +14,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 
 from drivetool.errors import BadRecording
+from drivetool.logs.experiment import shown
 from drivetool.logs.mcap import container
 from drivetool.logs.mcap.container import CHANNEL, CHUNK, CUT_CHUNK, HEAD, MAGIC, SCHEMA, Records
 from drivetool.logs.mcap.messages import SAMPLES, Block, Topic
@@ -47,9 +48,9 @@ class Source:
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         if mapped[:len(MAGIC)] != MAGIC:
             if MAGIC.startswith(mapped[:len(MAGIC)]):
-                raise BadRecording(f"messages in {path.name}", "only the beginning of an MCAP file",
+                raise BadRecording(f"messages in {shown(path)}", "only the beginning of an MCAP file",
                                    "Record or export it again.")
-            raise BadRecording(f"an MCAP file in {path.name}", "something else", "Record or export it again.")
+            raise BadRecording(f"an MCAP file in {shown(path)}", "something else", "Record or export it again.")
         self._bytes = np.frombuffer(mapped, np.uint8)
         self._summary = container.read_summary(mapped)
         self._top, wrong = recover(container.walk(self._bytes, len(MAGIC)), self._summary)
