@@ -30,8 +30,10 @@ def run(job: Job) -> int:
     """Read, look, deliver; the exit code."""
     from drivetool.files.channel_map_file import load_channel_map
     from drivetool.files.inspection import exhibit, finding_sections, inspection_file
+    from drivetool.identify.torque_timing import looked_at
     from drivetool.logs.inspect import inspect_log
 
     check_outputs(job)
     found = inspect_log(job.log, load_channel_map(job.map))
-    return deliver(job, inspection_file(found, finding_sections(found.findings)), [exhibit(found)])
+    timing = looked_at(found.experiment) if found.experiment else []
+    return deliver(job, inspection_file(found, finding_sections((*found.findings, *timing))), [exhibit(found)])

@@ -307,6 +307,11 @@ CODES = {
         "The channel map does not say whether the torque is a command or a measurement. It is taken as the "
         "command, with noise between it and the shaft.",
         "State `torque_is: command` or `torque_is: measurement` in the channel map."),
+    "torque-early": Code(
+        WARNING,
+        "The model is far likelier with the torque one sample later than it was logged. The stamps are early, or "
+        "the converter answers late; both look the same.",
+        "Write the stated `shift` into the channel map, or free the dead time or the lag of the converter."),
     "torque-is-the-answer": Code(
         NOTE,
         "The simulating fit failed (`not-settled` or `explains-nothing`), and Granger's test shows feedback from "
@@ -322,6 +327,12 @@ CODES = {
         "The input is a measured torque. Its sensor noise does not act on the drive, so it is an "
         "errors-in-variables problem, and the parameters may be biased.",
         "Log the torque command if the drive offers it."),
+    "torque-late": Code(
+        WARNING,
+        "The model is far likelier with the torque one sample earlier than it was logged. Drives that log the "
+        "torque of the cycle that has passed do that. Inertias are off by several per cent, and a diagnosis may "
+        "name a third mass.",
+        "Write the stated `shift` into the channel map, and fit again."),
     "torque-noise-unfelt": Code(
         NOTE,
         "Part of the logged torque has no effect on the motion. It is as strong at all frequencies as the noise "

@@ -41,6 +41,7 @@ from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
+from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.unmeasured import measured
@@ -93,6 +94,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
     if chosen_fit.alone:
         estimate = replace(estimate, explanation=chosen_fit.alone)
+    estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
     lacking = {f.code for f in estimate.findings} & LACKING
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)

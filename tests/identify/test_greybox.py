@@ -46,7 +46,7 @@ def test_two_recordings_are_fitted_together_and_tell_more_than_one():
     std = {e: {p.name: p.std_noise for p in est.parameters} for e, est in (("one", single), ("both", both))}
     for name in SHAPE:
         assert std["both"][name] < 0.9 * std["one"][name]
-    assert [name for name, _ in both.data] == ["simulated", "second"]
+    assert [each.file for each in both.data] == ["simulated", "second"]
 
 
 def test_held_parameter_keeps_its_value_and_the_others_move():

@@ -107,7 +107,7 @@ def test_several_records_are_one_line():
     by_name = {p.name: p for p in found.parameters}
     assert by_name["motor.viscous"].value == pytest.approx(VISCOUS, abs=4 * by_name["motor.viscous"].std)
     assert {p["file"] for p in found.details["points"]} == {"log.parquet", "other.parquet"}
-    assert [name for name, _ in found.data] == ["log.parquet", "other.parquet"]
+    assert [each.file for each in found.data] == ["log.parquet", "other.parquet"]
 
 
 @pytest.mark.slow

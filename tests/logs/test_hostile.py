@@ -198,6 +198,7 @@ def test_numbers_too_large_for_a_float_are_missing(folder):
 
 def test_the_folder_one_stands_in(folder, call, monkeypatch):
     (folder / "parts").mkdir()
+    (folder / "parts" / "_SUCCESS").touch()
     for k in range(2):
         pq.write_table(pa.table({"time": TIME[k::2], "x": SPEED[k::2]}), f"parts/{k}.parquet")
     pq.write_table(pa.table({"y": SPEED}), "parts/2.parquet")

@@ -1,0 +1,143 @@
+"""Torque that is logged in another cycle than it acts in: found, cured by `shift`; nothing else is taken for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.identify import torque_timing as module
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.identify.torque_timing import looked_at
+from drivetool.logs.build import build_experiment
+from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.experiment import Channel, Experiment, Recording
+from tests.recover import drive_like, linear_record, truth
+from tests.simulator.machine import machine_by_seed
+
+N, STEP = 4000, 2e-3
+INERTIA, VISCOUS = 0.02, 0.03
+WAYS = {"right": 0, "late": 1, "early": -1}
+
+
+def excitation(rng, hold=40):
+    return np.repeat(rng.uniform(-1, 1, N // hold), hold) + 0.2 * np.sin(np.arange(N) ** 1.5 / 400)
+
+
+def axis(seed, noise=0.02, measured=False):
+    """(torque, speed) of one body with viscous friction, exact under a torque that is held or runs on between."""
+    rng = np.random.default_rng(seed)
+    torque = excitation(rng, 1000 if measured else 40)
+    decay = np.exp(-VISCOUS / INERTIA * STEP)
+    acting = 0.5 * (torque + np.append(torque[1:], torque[-1])) if measured else torque
+    speed = np.zeros(N)
+    for k in range(N - 1):
+        speed[k + 1] = decay * speed[k] + (1 - decay) / VISCOUS * acting[k]
+    return torque, speed + noise * rng.standard_normal(N)
+
+
+def record(torque, speed, way="right", shift=None):
+    channels = {"motor_torque": Channel(np.arange(N) * STEP, np.roll(torque, WAYS[way]), "Nm"),
+                "motor_speed": Channel(np.arange(N) * STEP, speed, "rad/s")}
+    roles = {role: {"channel": role} for role in channels}
+    if shift is not None:
+        roles["motor_torque"]["shift"] = shift
+    return build_experiment(Recording("log", "0" * 64, channels),
+                            ChannelMap.from_mapping({"schema": SCHEMA, "roles": roles}))
+
+
+def fitted(experiment):
+    start = one_body("Nm", "rad").with_values({"motor.inertia": 0.015, "motor.viscous": 0.02})
+    return greybox([experiment], start, Options())
+
+
+def told(findings):
+    return {f.code: f for f in findings if f.code in ("torque-late", "torque-early")}
+
+
+def row(estimate, name="motor.inertia"):
+    return next(p for p in estimate.parameters if p.name == name)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("way", ["late", "early"])
+def test_a_shift_is_found_and_its_cure_is_one(way, noise):
+    torque, speed = axis(3, noise)
+    right = fitted(record(torque, speed))
+    wrong = fitted(record(torque, speed, way))
+    found = told(wrong.findings)[f"torque-{way}"]
+    assert found.evidence["shift"] == pytest.approx(-WAYS[way] * STEP)
+    assert f"`shift: {-WAYS[way] * STEP:g}`" in found.action
+    cured = fitted(record(torque, speed, way, found.evidence["shift"]))
+    assert not told(right.findings) and not told(cured.findings)
+    assert abs(row(cured).value - INERTIA) < 3.0 * row(cured).std
+    assert row(cured).std < 1.2 * row(right).std
+    assert set(told(looked_at(record(torque, speed, way)))) == {f"torque-{way}"}
+    assert not told(looked_at(record(torque, speed)))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_two_masses(way):
+    machine = machine_by_seed(1)
+    whole = linear_record(machine, 1)
+    names = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous",
+             "total.idle_torque")
+    late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
+        whole.signals["motor_torque"], WAYS[way])})
+    found = greybox([late], drive_like(machine, list(names), 0.1), Options())
+    assert set(told(found.findings)) == ({f"torque-{way}"} if WAYS[way] else set())
+    if not WAYS[way]:
+        assert abs(row(found).value - truth(machine)["motor.inertia"]) < 3.0 * row(found).std
+
+
+def ringing(seed=2):
+    """A load on a weak shaft, by half-implicit steps of a fiftieth of a sample; one body is the wrong model."""
+    rng = np.random.default_rng(seed)
+    torque, speed = excitation(rng), np.zeros(N)
+    wm = wl = twist = 0.0
+    for k in range(N):
+        speed[k] = wm
+        for _ in range(50):
+            spring = 60.0 * twist + 0.02 * (wm - wl)
+            wm += STEP / 50 * (torque[k] - spring - 0.02 * wm) / 0.01
+            wl += STEP / 50 * (spring - 0.02 * wl) / 0.03
+            twist += STEP / 50 * (wm - wl)
+    return torque, speed + 0.01 * rng.standard_normal(N)
+
+
+def closed_loop(seed=5, gain=0.4):
+    """A speed loop whose torque carries the noise of the sensor."""
+    rng = np.random.default_rng(seed)
+    torque, speed, w = np.zeros(N), np.zeros(N), 0.0
+    for k in range(N):
+        speed[k] = w + 0.03 * rng.standard_normal()
+        torque[k] = gain * (3 * np.sign(np.sin(k / 150)) - speed[k])
+        w += STEP * (torque[k] - VISCOUS * w) / INERTIA
+    return torque, speed
+
+
+@pytest.mark.parametrize("make", [ringing, closed_loop, lambda: axis(7, 0.005, measured=True)])
+def test_nothing_else_is_taken_for_it(make):
+    experiment = record(*make())
+    assert not told(fitted(experiment).findings) and not told(looked_at(experiment))
+
+
+def test_a_loop_tells_it_too():
+    torque, speed = closed_loop()
+    assert set(told(fitted(record(torque, speed, "late")).findings)) == {"torque-late"}
+
+
+def test_bounds_have_a_reason(monkeypatch):
+    """Twice what a model may leave, and a resonance is taken for a shift; half of it, and one goes unseen."""
+    monkeypatch.setattr(module, "LEFT", 1.0)
+    assert told(looked_at(record(*ringing(), "late")))
+    monkeypatch.setattr(module, "LEFT", 0.01)
+    assert not told(looked_at(record(*axis(3), "late")))
+
+
+def test_what_has_no_torque_or_motion_is_not_asked():
+    still = Experiment("log", "0" * 64, STEP, 0.0, {"motor_speed": np.sin(np.arange(N) / 9)}, ((0, N),))
+    assert looked_at(still) == []
+    with_load = replace(still, signals={"motor_torque": np.ones(N), "load_speed": np.sin(np.arange(N) / 9)})
+    assert looked_at(with_load) == [] and two_mass().bodies
