@@ -309,8 +309,8 @@ CODES = {
         "State `torque_is: command` or `torque_is: measurement` in the channel map."),
     "torque-early": Code(
         WARNING,
-        "The model is far likelier with the torque one sample later than it was logged. The stamps are early, or "
-        "the converter answers late; both look the same.",
+        "The model is far likelier with the torque one sample later than it was logged. The stamps are early, the "
+        "converter answers late, or the speed is filtered; all look the same.",
         "Write the stated `shift` into the channel map, or free the dead time or the lag of the converter."),
     "torque-is-the-answer": Code(
         NOTE,
@@ -322,6 +322,11 @@ CODES = {
         "The torque is a command, and Granger's test shows no feedback from the sensor to it. It is the input and "
         "the motion the output; a fit that simulates the motion is more efficient than `--criterion inverse`.",
         "Compare with `--criterion auto`."),
+    "torque-is-magnitude": Code(
+        WARNING,
+        "The channel map says that the torque is logged without its sign. `steady` gives it the sign of the motion, "
+        "as is right where the motor drives. Where the load is larger than the friction, they change places.",
+        "Log the torque with its sign if a load acts."),
     "torque-is-measured": Code(
         WARNING,
         "The input is a measured torque. Its sensor noise does not act on the drive, so it is an "

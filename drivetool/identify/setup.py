@@ -45,7 +45,7 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
         raise NotEnoughData("at least one recording", "none", "Name a log file.")
     common = set.intersection(*(set(e.signals) for e in experiments))
     for e in experiments:
-        e.signal("motor_torque", "the drive's input")
+        e.signed("motor_torque", "the drive's input")
     inputs = tuple(r for r in INPUTS if r in common and (r != "motor2_torque" or "motor2" in drive.bodies))
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:

@@ -151,7 +151,7 @@ def output_role(experiments: Sequence[Experiment], wanted: str | None) -> str:
 def stretches_of(e: Experiment, output: str) -> Run:
     """Stretches without a missing value; an angle becomes the mean speed over the last interval."""
     names = ["motor_torque", output, *reference_of(e)]
-    e.signal("motor_torque", "the input")
+    e.signed("motor_torque", "the input")
     table = np.column_stack([e.signals[n] for n in names])
     if output.endswith("angle"):
         table[1:, 1] = np.diff(table[:, 1]) / e.step

@@ -123,6 +123,7 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
         values |= {name: 0.0 for name in (f"{body}.coulomb" for body in drive.bodies)
                    if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
         findings += body_findings(task, drive)
+    findings += _of_magnitudes(experiments)
     parameters += [
         Parameter(name, drive.value(name), drive.unit(name), drive.values.get(name), status="held",
                   reason="held by --hold")
@@ -145,6 +146,18 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
         findings=tuple(findings), data=tuple(e.source for e in experiments),
         exhibits=exhibits(experiments, results, drive))
+
+
+def _of_magnitudes(experiments: Sequence[Experiment]) -> list[Finding]:
+    """What a torque without its sign means for friction and load."""
+    names = [e.name for e in experiments if e.magnitudes]
+    if not names:
+        return []
+    return [Finding(
+        "warning", "torque-is-magnitude",
+        f"The torque of {', '.join(names)} is a magnitude; it was given the sign of the motion. Where the load is "
+        "larger than the friction and drives, the two change places.", {"recordings": len(names)},
+        "Log the torque with its sign if a load acts.")]
 
 
 def _covariance(results: Sequence[tuple[Task, Points, Line]]) -> Covariance | None:

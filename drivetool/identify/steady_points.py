@@ -71,6 +71,9 @@ def find_intervals(experiment: Experiment) -> list[Interval]:
     why = "the steady intervals"
     roles = {"motor_torque": experiment.signal("motor_torque", why),
              "motor_speed": speed_of(experiment, "motor", why)}
+    if "motor_torque" in experiment.magnitudes:
+        # At constant speed a motor that drives has the sign of the motion.
+        roles["motor_torque"] = np.abs(roles["motor_torque"]) * np.sign(roles["motor_speed"])
     torque, speed = roles["motor_torque"], roles["motor_speed"]
     if "shaft_torque" in experiment.signals:
         roles["shaft_torque"] = experiment.signals["shaft_torque"]

@@ -111,8 +111,8 @@ def _finding(way: str, gain: float, experiments: Sequence[Experiment]) -> Findin
     cure = f"`shift: {shift:.6g}`" if alike else f"a `shift` of {'minus ' if shift < 0 else ''}one sample"
     text = {"late": "is logged one sample late: the motion answers before it is there",
             "early": "is logged one sample early: the motion answers a sample later than it should"}
-    more = "" if way == "late" else " A dead time or a lag of the converter looks the same; then free " \
-        "converter.dead_time or converter.bandwidth instead."
+    more = "" if way == "late" else " A dead time or a lag of the converter, or a filter of the speed, " \
+        "looks the same; then free converter.dead_time or converter.bandwidth, or set sensor.bandwidth, instead."
     return Finding("warning", "torque-late" if way == "late" else "torque-early", f"The torque {text[way]}.",
                    {"shift": float(shift), "log_likelihood": float(gain)},
                    f"Write {cure} for {ROLE} in the channel map.{more}")

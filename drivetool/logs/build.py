@@ -84,7 +84,8 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
         signals={role: _frozen(values) for role, values in gridded.signals.items()},
         segments=segments, torque_unit=torque_unit, motion_unit=motion_unit,
         torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings),
-        offset=round(offset, 9))
+        offset=round(offset, 9),
+        magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:

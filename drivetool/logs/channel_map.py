@@ -69,6 +69,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rated    what 100 % is
     per_rev  counts per revolution, for the unit `counts`
     wrap     the raw value at which the channel starts again, such as 65536 or 360; undone first
+    unsigned whether the channel is a magnitude, as the current of many drives is; for motor_torque
     absent   the raw value of a message or row without one: 0 where a writer leaves zeros out
     time     the clock of this channel, if it is not the map's
     shift    seconds added to its time stamps
@@ -82,6 +83,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rated: Rated | None = None
     per_rev: float | None = None
     wrap: float | None = None
+    unsigned: bool = False
     absent: float | None = None
     time: TimeEntry | str | None = None
     shift: float = 0.0
@@ -92,6 +94,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return TimeEntry(self.time) if isinstance(self.time, str) else self.time
 
 
+MAGNITUDE = "motor_torque"  # the one role that may be logged without its sign
 RoleName = Annotated[str, msgspec.Meta(pattern=PATTERN)]
 
 
@@ -197,6 +200,8 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
         if rated.dimension in (RELATIVE, COUNTS):
             raise BadOption(f"a unit of {quantity(role)} for rated of {role}", f"'{entry.rated.unit}'",
                             "Say what 100 % is, for example {value: 200, unit: Nm}.")
+    if entry.unsigned and role != MAGNITUDE:
+        raise BadOption(f"unsigned for {MAGNITUDE} only", role, f"Leave it out in {name}.")
     for key, value in numbers.items():
         if not math.isfinite(value) or (value == 0 and key not in ("offset", "shift", "absent")):
             raise BadOption(f"a finite {key} other than zero for {role}", f"{value:g}",

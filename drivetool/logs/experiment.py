@@ -87,6 +87,7 @@ class Experiment:
     segments     (first, last+1) index pairs without a gap in time
     torque_unit  Nm, N or A; motion_unit rad or m
     torque_is    whether the logged torque is the command or a measurement of it
+    magnitudes   roles whose sign is not in the log
     offset       time of the first sample after the start of the recording it is a part of [s]
     """
 
@@ -101,6 +102,7 @@ class Experiment:
     torque_is: TorqueIs = "unknown"
     findings: tuple[Finding, ...] = field(default=())
     offset: float = 0.0
+    magnitudes: tuple[str, ...] = ()
 
     @property
     def source(self) -> Source:
@@ -129,6 +131,14 @@ class Experiment:
                 f"role {role} for {why}", f"none in {self.name}",
                 "Name its channel in the channel map.", sorted(self.signals))
         return self.signals[role]
+
+    def signed(self, role: str, why: str) -> np.ndarray:
+        """The (n,) signal of a role; BadRecording also where the log has its magnitude only."""
+        if role in self.magnitudes:
+            raise BadRecording(
+                f"{role} with its sign for {why}", f"its magnitude alone in {self.name} (unsigned: true)",
+                "While the drive brakes, the sign is not in the log: use steady, or log it with its sign.")
+        return self.signal(role, why)
 
     def between(self, first: float, last: float) -> Experiment:
         """The part from `first` to `last` seconds, as an experiment of its own."""
