@@ -324,8 +324,8 @@ CODES = {
         "Compare with `--criterion auto`."),
     "torque-is-magnitude": Code(
         WARNING,
-        "The channel map says that the torque is logged without its sign. `steady` gives it the sign of the motion, "
-        "as is right where the motor drives. Where the load is larger than the friction, they change places.",
+        "The channel map says that the torque is logged without a sign. `steady` gives it that of the motion, "
+        "as is right where the motor drives. Where the load is the larger one, friction and load change places.",
         "Log the torque with its sign if a load acts."),
     "torque-is-measured": Code(
         WARNING,

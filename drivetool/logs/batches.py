@@ -29,12 +29,15 @@ def batches(time: np.ndarray) -> tuple[float, float] | None:
     ends = np.flatnonzero(~short)
     if short.mean() < MANY or len(ends) < LEAST or steps[short].sum() > FILLED * steps.sum():
         return None
+    size = float(np.median(np.diff(ends)))
+    if size < 2.0:  # a slow part of the record beside a fast one
+        return None
     at = time[ends]
     period = float(np.median(np.diff(at)))
     line = np.polynomial.Polynomial.fit(ends, at, 1)
     if float(np.sqrt(np.mean((at - line(ends)) ** 2))) > NEAR * period:
         return None
-    return float(np.median(np.diff(ends))), period
+    return size, period
 
 
 def refuse_batches(time: np.ndarray, who: str, log: str) -> None:
