@@ -150,7 +150,7 @@ def test_a_table_of_receive_times_is_refused():
     lambda rng: np.arange(N) * 1e-3 + np.cumsum(np.where(np.arange(N) % 300 == 0, rng.uniform(1, 5, N), 0)),
     lambda rng: np.arange(N) * 1e-3 + np.cumsum(np.where(np.arange(N) % 40 == 0, rng.exponential(0.5, N), 0)),
     lambda rng: np.cumsum(rng.exponential(1e-3, N)),
-    lambda rng: np.concatenate([np.arange(0, 30, 0.03), 30 + np.arange(N) * 6e-4]),  # two rates, one after the other
+    lambda rng: np.concatenate([np.arange(0, 30, 0.03), 30 + np.arange(N) * 6e-4]),  # one rate after the other
     lambda rng: np.sort((np.arange(N) + 0.4 * rng.standard_normal(N)) * 1e-3)])
 def test_pauses_and_jitter_are_no_batches(make):
     assert batches(make(np.random.default_rng(2))) is None
