@@ -18,7 +18,6 @@ from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.identify.compare import CompareOptions
-    from drivetool.logs.experiment import Experiment
 
 HELP = ("Structures side by side. Each fitted on every record and checked on all the others; "
         "mean and spread of what they find over the experiments.")
@@ -97,25 +96,16 @@ def machines_of(words: Sequence[str], logs: Sequence[str]) -> dict[str, tuple[in
     return found
 
 
-def _no_copies(experiments: Sequence[Experiment], options: CompareOptions) -> None:
-    """Raise BadOption where two recordings of the machines have one content: a copy is no repeat."""
-    seen: dict[str, str] = {}
-    for e in (experiments[i] for places in options.machines.values() for i in places):
-        if e.sha256 in seen:
-            raise BadOption("recordings of machines that are no copies of one another",
-                            f"{seen[e.sha256]} and {e.name} with one content", "Leave out the copy.")
-        seen[e.sha256] = e.name
-
-
 def run(job: Job, options: CompareOptions) -> int:
     """Open, fit, check, deliver; the exit code."""
     from drivetool.files.comparison_file import comparison_file
     from drivetool.identify.compare import compare
     from drivetool.identify.unused import used_by
+    from drivetool.logs.experiment import no_copies
 
     opened = open_all(job)
     drive = drive_for(job, opened)
-    _no_copies(opened.experiments, options)
+    no_copies([opened.experiments[i] for places in options.machines.values() for i in places])
     try:
         found = compare(opened.experiments, drive, options)
     except DriveToolError:

@@ -14,7 +14,7 @@ from drivetool.errors import BadOption
 HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
 EXAMPLE = "drivetool convert steps.mcap --map map.yaml --out steps.parquet"
 
-Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
+Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or the folder of one.")]
 Out = Annotated[str, typer.Option("--out", "-o", metavar="FILE.parquet", help="Where the Parquet goes.")]
 
 

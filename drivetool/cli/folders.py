@@ -25,8 +25,8 @@ def recordings_in(logs: Sequence[str]) -> list[str]:
 def _in_folder(folder: Path) -> list[str]:
     if any((folder / mark).exists() for mark in OF_A_DATA_SET):
         return [str(folder)]
-    found = sorted((p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES), key=_natural)
-    below = sorted({p.relative_to(folder).parts[0] for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES}
+    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=_natural)
+    below = sorted({p.relative_to(folder).parts[0] for p in folder.rglob("*") if _is_recording(p)}
                    - {p.name for p in found})
     if below:
         raise BadOption(f"recordings of one folder in {folder}", "folders of recordings in it",
@@ -35,6 +35,11 @@ def _in_folder(folder: Path) -> list[str]:
         raise BadOption(f"recordings in the folder {folder}", "none",
                         "Name a Parquet or MCAP file, or their folder.")
     return [str(p) for p in found]
+
+
+def _is_recording(path: Path) -> bool:
+    """By its name; hidden files are the file system's own."""
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -14,7 +14,7 @@ from drivetool.cli.outcomes import guarded
 HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."
 EXAMPLE = "drivetool inspect steps.mcap --plot pictures"
 
-Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or a folder of Parquet.")]
+Log = Annotated[str, typer.Argument(metavar="LOG", help="A recording, Parquet or MCAP, or the folder of one.")]
 
 
 def command(

@@ -64,7 +64,7 @@ def _option(*names: str, help: str, **more):
     return typer.Option(*names, help=help, **more)
 
 
-Logs = Annotated[list[str], typer.Argument(metavar="LOG", help="Recordings: MCAP, Parquet or a folder of it.")]
+Logs = Annotated[list[str], typer.Argument(metavar="LOG", help="Recordings, Parquet or MCAP, or folders of them.")]
 Params = Annotated[list[str] | None, _option(
     "--params", "-p", metavar="FILE",
     help="Parameter file of an earlier step or by hand; several merge, later wins; - reads standard input.")]

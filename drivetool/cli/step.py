@@ -75,8 +75,10 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     from drivetool.files.result_file import estimate_file
     from drivetool.identify.options import Options
     from drivetool.identify.unused import used_by
+    from drivetool.logs.experiment import no_copies
 
     opened = open_all(job)
+    no_copies(opened.experiments)
     apart = differing(job, opened.experiments, drive_for(job, opened))
     drive = apart.drive
     with as_usage():

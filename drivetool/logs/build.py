@@ -172,8 +172,11 @@ def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str) -
     constant = {role for role, _ in still}
     drives = {"motor_torque"} & set(signals)
     motions = {role for role in signals if quantity(role) != "torque"}
+    if not drives | motions:
+        raise BadRecording(f"motor_torque or a motion in {log}", f"only {', '.join(signals)}",
+                           "Name their channels in the channel map.")
     if drives | motions <= constant:
-        names = ", ".join(sorted(drives | motions or constant))
+        names = ", ".join(sorted(drives | motions))
         raise NotEnoughData(f"a torque or a motion that changes in {log}", f"only constant signals ({names})",
                             "Check the channels; if they are right, record while the drive is excited.")
     return [Finding("warning", "constant-signal", f"{role} never changes: {value:g} throughout.",

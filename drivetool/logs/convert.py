@@ -140,6 +140,10 @@ def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:
     raises  BadRecording: as `to_signals` and `choose_channels`
     """
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name)
+    if channel_map and any(entry.unsigned for entry in channel_map.roles.values()):
+        raise BadRecording("channels that need no map when they are converted",
+                           "a torque without its sign (unsigned: true)",
+                           "Keep the log and its map: the converted table would pass for one with the sign.")
     signals, findings = to_signals(recording, chosen, channel_map)
     channels = {role: Channel(signal.time, signal.values, signal.si) for role, signal in signals.items()}
     return replace(recording, channels=channels, findings=(*recording.findings, *findings))

@@ -12,7 +12,7 @@ from zlib import crc32
 
 import numpy as np
 
-from drivetool.errors import BadRecording, Finding
+from drivetool.errors import BadOption, BadRecording, Finding
 
 TorqueIs = Literal["command", "measurement", "unknown"]
 
@@ -147,6 +147,16 @@ class Experiment:
         return replace(
             self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})
+
+
+def no_copies(experiments: Sequence[Experiment]) -> None:
+    """Raise BadOption where two recordings have one content: a copy is no repeat, and would count twice."""
+    seen: dict[str, str] = {}
+    for e in experiments:
+        if e.sha256 in seen:
+            same = "twice" if e.name == seen[e.sha256] else f"and {e.name} with one content"
+            raise BadOption("every recording once", f"{seen[e.sha256]} {same}", "Leave out the copy.")
+        seen[e.sha256] = e.name
 
 
 def shown(path: Path) -> str:

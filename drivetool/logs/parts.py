@@ -105,7 +105,7 @@ def _without(values: np.ndarray, first: int, last: int) -> np.ndarray:
 def _usual(time: np.ndarray) -> float:
     """The usual step of stamps as logged [s]; 0 for a single one."""
     steps = np.abs(np.diff(time))
-    steps = steps[np.isfinite(steps)]
+    steps = steps[np.isfinite(steps) & (steps > 0)]
     return float(np.median(steps)) if len(steps) else 0.0
 
 

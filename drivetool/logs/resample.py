@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,13 +29,12 @@ class Gridded:
 
 
 def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
-    """All signals on the grid of the fastest of them; of equal ones, that of the motor torque.
+    """All signals on the grid of the fastest sensor, its steps divided where an input is faster.
 
-    Samples whose stamps are those of the grid are taken as they are, bit by bit. Others are converted: an
-    input takes the value that acts during most of the step that follows (zero order hold), and a sensor is
-    interpolated between neighbours at most 3 steps apart. Slower sensors get a value only at the grid
-    points next to their samples, slower inputs the mean of what is held over each step; what is faster
-    (references alone) is low-passed (rate.py).
+    Samples whose stamps are those of the grid are taken as they are, bit by bit. Others are converted. An input is
+    averaged over what is held during each step, which is exact in what the drive feels. A sensor is interpolated
+    between neighbours at most 3 steps apart; a slower one has a value only at the grid points next to its samples.
+    What is faster (references alone) is low-passed (rate.py).
 
     signals  role -> Signal
     returns  Gridded; neighbours more than 3 steps apart begin a new segment
@@ -49,27 +48,27 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
     findings += clock_offsets(clean, log)
     leader = leader_of({role: clock.time for role, clock in clocks.items()})
     time = _filled(leader, clocks)
-    grid = fit_grid(time)
-    count = grid.size if grid.uniform else round((time[-1] - grid.start) / grid.step) + 1
-    _refuse_vast(count, len(time), log)
-    index = grid.index if grid.uniform else np.round((time - grid.start) / grid.step).astype(np.int64)
-    at = np.interp(np.arange(count), index, time) if grid.uniform else grid.start + np.arange(count) * grid.step
+    grid, at = _grid(time, _parts(time, clocks), log)
+    index = grid.index
     placed: dict[str, np.ndarray] = {}
     slowed: dict[str, float] = {}
+    converted = not grid.uniform
     for role, clock in clocks.items():
-        places = _places(clock.time, time, grid) if grid.uniform else None
+        places = _places(clock.time, at, grid.step) if grid.uniform else None
         if places is not None:
-            placed[role] = _place(count, places, values[role], role in INPUTS)
+            placed[role] = _place(len(at), places, values[role], role in INPUTS)
             continue
         own = median_step(clock.time)
         if grid.step > FASTER * own and role not in INPUTS:
             slowed[role] = own
-        placed[role] = _converted(at, grid.step, clock.time, values[role], own, role in INPUTS)
+        converted = True
+        alike = clock is clocks[leader]
+        placed[role] = _converted(at, grid.step, clock.time, values[role], own, role in INPUTS, alike)
     if grid.uniform and grid.lost:
         findings.append(_lost_finding(grid, log))
     if slowed:
         findings.append(_slowed_finding(slowed, grid, log))
-    if not grid.uniform or any(_places(clock.time, time, grid) is None for clock in clocks.values()):
+    if converted:
         findings.append(_resampled_finding(grid, clocks, leader, log))
         _require_overlap(placed, log, findings)
     if len(grid.gaps):
@@ -90,8 +89,11 @@ def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], l
     clocks: dict[str, Clock] = {}
     findings: list[Finding] = []
     for time, roles in groups:
-        clock, new = clean_clock(time, ", ".join(roles), log, [signals[role].values for role in roles],
-                                 signals[roles[0]].without)
+        # A torque that is held repeats its values whoever logs it: alone it tells no row that was logged twice.
+        told = [] if set(roles) <= set(INPUTS) else [signals[role].values for role in roles]
+        clock, new = clean_clock(time, ", ".join(roles), log, told, signals[roles[0]].without)
+        if len(clock.time) > 1:
+            _refuse_vast(float(np.ptp(clock.time)) / median_step(clock.time), len(clock.time), log)
         findings += new
         clocks |= dict.fromkeys(roles, clock)
     findings += [f for role in signals for f in _absent(role, signals[role], clocks[role].time, log)]
@@ -133,14 +135,35 @@ def _refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], l
 
 
 def leader_of(times: Mapping[str, np.ndarray]) -> str:
-    """The role whose clock the grid takes; what the loop is asked for is no reason for a finer one.
+    """The role whose clock the grid takes: of the fastest sensors, that with most samples.
+
+    Inputs are known at every instant, and need no grid of their own; what the loop is asked for is no reason for a
+    finer one.
 
     times  role -> (n,) stamps, as logged or clean
     """
     steps = {role: _usual(time) for role, time in times.items()}
     own = {role: step for role, step in steps.items() if not role.startswith("reference_")} or steps
+    own = {role: step for role, step in own.items() if role not in INPUTS} or own
     fastest = min(own.values())
-    return next(role for role in own if own[role] <= (1 + LIKE_STEP) * fastest)
+    return max((role for role in own if own[role] <= (1 + LIKE_STEP) * fastest), key=lambda role: len(times[role]))
+
+
+def _parts(time: np.ndarray, clocks: Mapping[str, Clock]) -> int:
+    """Into how many parts a step between stamps (n,) is divided, for the fastest input."""
+    fastest = min((median_step(clocks[role].time) for role in INPUTS if role in clocks), default=np.inf)
+    return max(1, round(median_step(time) / fastest))
+
+
+def _grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
+    """(the grid through stamps (n,), each step in so many parts, with the place of each stamp; its times (m,))."""
+    grid = fit_grid(time)
+    step = grid.step / parts
+    index = grid.index * parts if grid.uniform else np.round((time - grid.start) / step).astype(np.int64)
+    count = int(index[-1]) + 1
+    _refuse_vast(count, len(time) * parts, log)
+    at = np.interp(np.arange(count), index, time) if grid.uniform else grid.start + np.arange(count) * step
+    return replace(grid, step=step, index=index), at
 
 
 def _usual(time: np.ndarray) -> float:
@@ -168,21 +191,21 @@ def _distance(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     return np.minimum(np.abs(time - stamps[right - 1]), np.abs(stamps[right] - time))
 
 
-def _places(time: np.ndarray, stamps: np.ndarray, grid: Grid) -> np.ndarray | None:
-    """Grid points of the times (m,); None if they are not those of the grid's stamps (n,)."""
-    if time is stamps:
-        return grid.index
-    right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    nearest = right - (time - stamps[right - 1] < stamps[right] - time)
-    if np.any(np.abs(time - stamps[nearest]) > JITTER * grid.step) or np.any(np.diff(nearest) < 1):
+def _places(time: np.ndarray, at: np.ndarray, step: float) -> np.ndarray | None:
+    """Grid points of the times (m,); None if they are not those of the grid (n,)."""
+    if time[0] < at[0] - JITTER * step or time[-1] > at[-1] + JITTER * step:
         return None
-    return grid.index[nearest]
+    right = np.clip(np.searchsorted(at, time), 1, len(at) - 1)
+    nearest = right - (time - at[right - 1] < at[right] - time)
+    if np.any(np.abs(time - at[nearest]) > JITTER * step) or np.any(np.diff(nearest) < 1):
+        return None
+    return nearest
 
 
-def _refuse_vast(count: int, samples: int, log: str) -> None:
+def _refuse_vast(count: float, samples: int, log: str) -> None:
     """A grid that is nearly all gap would only fill the memory."""
     if count > 50 * samples + 1_000_000:
-        raise BadRecording(f"one stretch of time in {log}", f"{samples} samples over {count} steps",
+        raise BadRecording(f"one stretch of time in {log}", f"{samples} samples over {count:.0f} steps",
                            "Cut the record into files, one per run.")
 
 
@@ -209,12 +232,23 @@ def _stretches(places: np.ndarray, gaps: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _converted(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray, own: float,
-               is_input: bool) -> np.ndarray:
-    """(n,) a signal of another clock, with a step `own`, at the grid points (n,)."""
-    faster, slower = step > FASTER * own, own > FASTER * step
+               is_input: bool, alike: bool) -> np.ndarray:
+    """(n,) a signal with a step `own` at the grid points (n,); alike: the grid is fitted to its stamps."""
     if is_input:
-        return (average if faster or slower else _hold)(at, step, time, values)
-    return (low_passed if faster else _interpolate)(at, step, time, values)
+        return (_hold if alike else average)(at, step, time, values)
+    if step > FASTER * own:
+        return low_passed(at, step, time, values)
+    found = _interpolate(at, step, time, values)
+    return _once_each(found, at, time) if own > FASTER * step else found
+
+
+def _once_each(values: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Values (n,) of a slow sensor at the grid points next to its samples alone: others would be invented."""
+    right = np.clip(np.searchsorted(at, time), 1, len(at) - 1)
+    nearest = right - (time - at[right - 1] < at[right] - time)
+    found = np.full(len(values), np.nan)
+    found[nearest] = values[nearest]
+    return found
 
 
 def _hold(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:

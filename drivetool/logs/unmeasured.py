@@ -28,6 +28,7 @@ CUT, RUN = 0.005, 4  # share of the samples at one end of the range, and how man
 # Standard deviations beyond which a sample of noise is not met in a year of recording at 10 kHz (1.3e-15 each).
 UNSUPPORTED = 8.0
 WINDOW = 7  # samples that a median is taken of: three bad ones do not carry it away
+ALONE = 0.25  # share of its distance from the median that a neighbour of a lone sample stays below
 AROUND = 50  # samples before and behind, that tell the noise there
 NOISY = 0.1  # share of the samples at which a signal with noise turns back, at least
 
@@ -159,9 +160,9 @@ def _alone(values: np.ndarray) -> np.ndarray:
         near = slice(max(k - AROUND, 0), k + AROUND)
         rough = np.abs(np.diff(values[near][~away[near]], 2)) / np.sqrt(6)
         noise = max(MAD * np.median(np.abs(calm[near])), MAD * np.median(rough), least)
-        # The neighbours of a peak that was measured go at least half as far.
+        # Of a peak that was measured at least one neighbour goes a good part of the way, half of it in a triangle.
         side = max(calm[k - 1] * np.sign(off[k]), calm[k + 1] * np.sign(off[k]))
-        alone[k] = abs(off[k]) > UNSUPPORTED * noise and side < 0.5 * abs(off[k])
+        alone[k] = abs(off[k]) > UNSUPPORTED * noise and side < ALONE * abs(off[k])
     return alone
 
 

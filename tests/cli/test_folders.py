@@ -49,6 +49,17 @@ def test_a_folder_is_its_recordings_in_their_order(here, call):
     assert len({entry["sha256"] for entry in found}) == 3
 
 
+def test_a_copy_does_not_count_twice(here, call):
+    write(here / "runs" / "a.parquet")
+    (here / "runs" / ".hidden.parquet").write_bytes(b"")
+    data(call, "runs")
+    (here / "runs" / "b.parquet").write_bytes((here / "runs" / "a.parquet").read_bytes())
+    for words, found in ((["runs"], "runs/a.parquet and runs/b.parquet with one content"),
+                         (["runs/a.parquet", "runs/a.parquet"], "runs/a.parquet twice")):
+        code, _, err = call("greybox", *words, *FIT)
+        assert code == 2 and found in err
+
+
 @pytest.mark.parametrize("mark", ["_metadata", "_common_metadata", "_SUCCESS"])
 def test_a_data_set_is_one_recording(here, call, mark):
     for part in range(3):

@@ -1,5 +1,7 @@
 """A torque that is logged without its sign: for steady running, and for nothing that accelerates."""
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -48,6 +50,12 @@ def test_what_accelerates_refuses_it_in_one_sentence(call, step):
     words += {"simulate": ["--out", "x.parquet"], "compare": ["a.parquet"]}.get(step, [])
     code, out, err = call(step, "a.parquet", "--map", "map.yaml", *words)
     assert (code, out) == (1, "") and "the sign is not in the log" in err and err.count("error:") == 1
+
+
+@pytest.mark.usefixtures("here")
+def test_a_converted_table_would_have_lost_it(call):
+    code, _, err = call("convert", "a.parquet", "--map", "map.yaml", "--out", "x.parquet")
+    assert code == 1 and "without its sign" in err and not Path("x.parquet").exists()
 
 
 def test_only_a_torque_may_be_a_magnitude():

@@ -59,25 +59,34 @@ def test_jitter_above_five_percent_is_resampled():
     assert set(found.signals["motor_torque"]) <= set(wave())
 
 
-def test_two_clocks_hold_the_torque_and_interpolate_the_sensor():
-    fast, slow = np.arange(N) * STEP, np.arange(0, N, 2) * STEP + 0.0003
-    found = build_experiment(recording({"motor_torque": fast, "motor_speed": slow},
-                                       motor_torque=wave(), motor_speed=np.sin(2 * np.pi * 3 * slow)))
-    assert codes(found) == ["resampled"] and found.findings[0].severity == "note"
-    assert found.signals["motor_torque"].tobytes() == wave().tobytes()
-    known = np.isfinite(found.signals["motor_speed"])
-    assert known.sum() >= N - 3
-    np.testing.assert_allclose(found.signals["motor_speed"][known], wave()[known], atol=2e-4)
-
-
-def test_a_slow_sensor_is_not_interpolated_far():
-    slow = np.arange(0, N, 10) * STEP + 0.0002
-    found = build_experiment(recording({"motor_speed": slow}, motor_torque=wave(),
-                                       motor_speed=np.sin(2 * np.pi * 3 * slow)))
+@pytest.mark.parametrize(("every", "late"), [(2, 0.0003), (10, 0.0002), (1, 0.0007)])
+def test_a_sensor_keeps_its_clock_and_the_torque_its_impulse(every, late):
+    slow = np.arange(0, N, every) * STEP + late
+    speed = np.sin(2 * np.pi * 3 * slow)
+    found = build_experiment(recording({"motor_speed": slow}, motor_torque=wave(), motor_speed=speed))
+    assert "resampled" in codes(found) and found.step == pytest.approx(STEP)
     known = np.flatnonzero(np.isfinite(found.signals["motor_speed"]))
+    np.testing.assert_array_equal(found.signals["motor_speed"][known], speed[:len(known)])
+    assert set(np.diff(known)) == {every} and len(known) > N // every - 2
+    torque, share = found.signals["motor_torque"], late / STEP
+    first, last = found.segments[0]
+    mixed = (1 - share) * wave()[:-1] + share * wave()[1:]
+    np.testing.assert_allclose(torque[first:last - 1], mixed[first:last - 1], atol=1e-9)
+
+
+def test_a_second_sensor_that_is_slow_is_not_interpolated_far():
+    slow = np.arange(0, N, 10) * STEP + 0.0002
+    found = build_experiment(recording({"load_speed": slow}, motor_torque=wave(), motor_speed=wave(),
+                                       load_speed=np.sin(2 * np.pi * 3 * slow)))
+    known = np.flatnonzero(np.isfinite(found.signals["load_speed"]))
     assert set(np.diff(known)) == {10}
     assert codes(found) == ["resampled", "sparse-sensor"]
-    np.testing.assert_allclose(found.signals["motor_speed"][known], wave()[known], atol=1e-3)
+    np.testing.assert_allclose(found.signals["load_speed"][known], wave()[known], atol=1e-3)
+    # Nor is one of a third of the rate filled up.
+    third = np.arange(0, N, 3) * STEP + 0.0002
+    found = build_experiment(recording({"load_speed": third}, motor_torque=wave(), motor_speed=wave(),
+                                       load_speed=np.sin(2 * np.pi * 3 * third)))
+    assert np.isfinite(found.signals["load_speed"]).sum() <= len(third)
 
 
 def test_a_slow_input_is_held():
@@ -204,7 +213,7 @@ BAD = {
     "all missing": (lambda: recording(motor_torque=wave(), motor_speed=np.full(N, np.nan)), BadRecording,
                     ["values of motor_speed", "none"]),
     "no overlap": (lambda: recording({"motor_speed": 1e6 + np.arange(N) * STEP}, motor_torque=wave(),
-                                     motor_speed=wave()), BadRecording, ["motor_speed", "do not overlap"]),
+                                     motor_speed=wave()), BadRecording, ["motor_torque", "do not overlap"]),
     "unit": (lambda: recording(units={"motor_speed": None}, motor_torque=wave(), motor_speed=wave()),
              BadRecording, ["unit of speed for motor_speed", "rpm"]),
     "percent": (percent, BadRecording, ["rated value of motor_torque"]),

@@ -394,6 +394,19 @@ def test_a_held_command_acts_on_in_a_part_that_is_kept():
     np.testing.assert_array_equal(found.signals["motor_torque"], np.repeat(values, 100)[1234:2000])
 
 
+def test_a_part_of_a_coarse_clock_keeps_all_its_samples():
+    fine = np.arange(8000) * 2.5e-4
+    stamps = np.floor(fine / 1e-3 + 1e-6) * 1e-3
+    held_torque, speed = np.repeat(np.random.default_rng(2).normal(size=200), 40), np.cos(9 * fine)
+    log = recording(motor_torque=(stamps, held_torque, "Nm"), motor_speed=(stamps, speed, "rad/s"))
+    found = build_experiment(log, None, [parse_step("keep from=0.3003 to=1.9")])
+    assert sorted(codes(found)) == ["clock-restored", "conditioned"] and found.step == pytest.approx(2.5e-4)
+    assert found.segments == ((0, found.size),) and abs(found.size - 6400) <= 8
+    # A torque on a clock of its own is not taken for rows that were logged twice.
+    apart = recording(motor_torque=(stamps[:-40], held_torque[:-40], "Nm"), motor_speed=(stamps, speed, "rad/s"))
+    assert "repeated-time" not in codes(build_experiment(apart))
+
+
 @pytest.mark.parametrize(("late", "parts"), [
     (lambda time: time - 9.0, ["keep to=2.4"]),
     (lambda time: np.full(len(time), np.nan), ["keep to=2.4", "omit from=2.4 to=9"]),

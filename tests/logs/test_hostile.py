@@ -95,7 +95,7 @@ CASES = {
     "a unit of time that is no text": (lambda: parquet(units={"time": b"\xff\xfe"}), None, "a unit of time for"),
     "too many infinite torques": (
         lambda: parquet([("motor_torque", np.where(np.arange(N) % 12 > 3, TORQUE, np.inf))]),
-        "since the torque has no value at 664 of 1996", "has no value at 664 of 1996"),
+        "since the torque has no value at 668 of 2000", "has no value at 668 of 2000"),
     "numbers that no drive reaches": (lambda: parquet([("motor_speed", 1e300 * SPEED)]), "values of motor_speed",
                                       "values of motor_speed in a.parquet; found none"),
     "a clock that stands": (lambda: parquet([("time", np.zeros(N))]), "2000 at one time",
