@@ -10,6 +10,7 @@ from drivetool.errors import BadOption, BadParameters, Finding
 from drivetool.files.parameter_file import Loaded
 from drivetool.logs.experiment import Experiment
 
+SHIFTED = ("torque-late", "torque-early")
 FITTED = ("fitted", "at-bound", "not-identifiable")
 
 
@@ -62,7 +63,11 @@ def base_findings(loaded: Loaded, training: Sequence[Experiment],
             "warning", "held-out-record-was-fitted",
             f"The base was fitted to {', '.join(judged)}, which should only judge: the gain stated is too small.",
             {"recordings": len(judged)}, "Give a recording that no fit has seen."))
-    return tuple(found)
+    said = [f for source in loaded.sources for f in source.file.findings if f.code in SHIFTED]
+    return (*found, *(Finding(
+        "warning", "base-with-shifted-torque",
+        f"{f.text} The base says so; a diagnosis takes it for a cause, often for a third mass.",
+        {"shift": float(f.evidence["shift"])}, f"First: {f.action}") for f in said))
 
 
 def verdict_finding(diagnosis: Diagnosis) -> Finding:

@@ -8,6 +8,11 @@ CODES = {
         "The base of a diagnosis was fitted to other recordings. A difference between the recordings, as in "
         "temperature or load, may be taken for a cause.",
         "Fit the base to these recordings with `greybox`."),
+    "base-with-shifted-torque": Code(
+        WARNING,
+        "The fit that the diagnosis starts from says that the torque is logged a sample late or early. A diagnosis "
+        "takes that for a cause, often for a third mass.",
+        "Write the stated `shift` into the channel map, fit again, then diagnose."),
     "body-not-told": Code(
         NOTE,
         "A law that was found explains the record equally well on another body: the log likelihoods differ by "

@@ -138,6 +138,13 @@ def test_the_base_is_refused_or_doubted(folder, asked, call):
     assert call("diagnose", "b.parquet", "-p", "base.yaml", "-o", "x.yaml", "--strict")[0] == 3
     code, _, err = call("diagnose", "b.parquet", "-p", "base.yaml", "--holdout", "a.parquet")
     assert code == 0 and "warning held-out-record-was-fitted" in err
+    Path("late.yaml").write_text(Path("base.yaml").read_text() + """
+findings:
+- {severity: warning, code: torque-late, text: It is late., evidence: {shift: -0.001}, action: Write it.}
+""")
+    code, out, err = call("diagnose", "a.parquet", "-p", "late.yaml")
+    found, = [f for f in yaml.safe_load(out)["findings"] if f["code"] == "base-with-shifted-torque"]
+    assert code == 0 and found["text"].startswith("It is late.") and found["action"] == "First: Write it."
 
 
 @pytest.mark.parametrize("words, code, message", [
