@@ -163,7 +163,7 @@ def every_role(path, kind, step, hold, seed=1):
         writer.finish()
 
 
-@pytest.mark.parametrize("kind", ["parquet", "mcap"])
+@pytest.mark.parametrize("kind", ["parquet", pytest.param("mcap", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("step", USED)
 def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, kind):
     logs = ["all", "more"] if step == "compare" else ["all"]

@@ -60,7 +60,8 @@ def row(estimate, name="motor.inertia"):
     return next(p for p in estimate.parameters if p.name == name)
 
 
-@pytest.mark.parametrize("noise", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("noise", [
+    0.02, *(pytest.param(noise, marks=pytest.mark.slow) for noise in (0.002, 0.1))])
 @pytest.mark.parametrize("way", ["late", "early"])
 def test_a_shift_is_found_and_its_cure_is_one(way, noise):
     torque, speed = axis(3, noise)
@@ -77,7 +78,7 @@ def test_a_shift_is_found_and_its_cure_is_one(way, noise):
     assert not told(looked_at(record(torque, speed)))
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", ["right", "late", pytest.param("early", marks=pytest.mark.slow)])
 def test_two_masses(way):
     machine = machine_by_seed(1)
     whole = linear_record(machine, 1)
@@ -117,7 +118,8 @@ def closed_loop(seed=5, gain=0.4):
     return torque, speed
 
 
-@pytest.mark.parametrize("make", [ringing, closed_loop, lambda: axis(7, 0.005, measured=True)])
+@pytest.mark.parametrize("make", [
+    pytest.param(ringing, marks=pytest.mark.slow), closed_loop, lambda: axis(7, 0.005, measured=True)])
 def test_nothing_else_is_taken_for_it(make):
     experiment = record(*make())
     assert not told(fitted(experiment).findings) and not told(looked_at(experiment))
