@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from drivetool.files.analysis_shapes import ComparisonFile, SpectraFile
-from drivetool.files.tables import _stem, rounded, short
+from drivetool.files.tables import labels, rounded, short
 
 
 def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None:
@@ -48,14 +48,16 @@ def _print_spectra(file: SpectraFile, console: Console) -> None:
 
 
 def _print_comparison(file: ComparisonFile, console: Console) -> None:
-    records = [entry.file for entry in file.data]
+    called = labels(name for c in file.cross for name in (c.fitted_on, c.checked_on))
     for structure in dict.fromkeys(c.structure for c in file.cross):
-        table = _table("fitted on", *map(_stem, records), title=f"{structure}: simulation fit %, checked on")
+        columns = list(dict.fromkeys(c.checked_on for c in file.cross if c.structure == structure))
+        table = _table("fitted on", *(called[name] for name in columns),
+                       title=f"{structure}: simulation fit %, checked on")
         fits = {(c.fitted_on, c.checked_on): c for c in file.cross if c.structure == structure}
         for row in dict.fromkeys(a for a, _ in fits):
-            cells = [fits.get((row, name)) for name in dict.fromkeys(b for _, b in fits)]
-            table.add_row(_stem(row), *("unstable" if c and c.simulation_fit_percent is None else
-                                        short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
+            cells = [fits.get((row, name)) for name in columns]
+            table.add_row(called[row], *("unstable" if c and c.simulation_fit_percent is None else
+                                         short(c.simulation_fit_percent, 3) if c else "-" for c in cells))
         console.print(table)
     if file.spread:
         table = _table("figure", "structure", "mean", "std", "unit", title="over the experiments")
@@ -68,7 +70,8 @@ def _print_comparison(file: ComparisonFile, console: Console) -> None:
                        title=_between(file))
         for d in (d for d in file.differences if d.differs):
             change, std = rounded(d.change, d.std)
-            table.add_row(d.name, d.structure, _stem(d.first), _stem(d.second), change, std, d.unit, short(d.p, 2))
+            table.add_row(d.name, d.structure, called.get(d.first, d.first), called.get(d.second, d.second),
+                          change, std, d.unit, short(d.p, 2))
         console.print(table)
     elif file.differences:
         console.print(Text(f"  no figure differs {_between(file)}", style="dim"))

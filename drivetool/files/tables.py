@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePath
 
 import msgspec
 from rich.box import SIMPLE_HEAD
@@ -102,14 +104,14 @@ def check_table(checks: Sequence[shapes.CheckSection]) -> Table:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
                   title=Text(f"checked on {checks[0].output}"), title_justify="left")
     table.add_column("model", overflow="fold")
-    stems = [len(_stem(check.file)) for check in checks]
-    table.add_column("record", overflow="fold", min_width=min(14, max(stems)))
+    models, files = _labels(checks)
+    table.add_column("record", overflow="fold", min_width=min(14, max(map(len, files.values()))))
     for title in ("simulation fit %", "one-step fit %", f"rmse {checks[0].unit}", "largest corr.",
                   "lags out %"):
         table.add_column(title, justify="right", min_width=max(map(len, title.split())))
     table.add_column("bars", no_wrap=True, min_width=6)
     for check in checks:
-        cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent),
+        cells = (models[check.model], files[check.file], short(check.simulation_fit_percent),
                  short(check.one_step_fit_percent), short(check.rmse), short(check.max_correlation, 2),
                  "-" if check.lags_outside_percent is None else f"{check.lags_outside_percent:.0f}")
         mark = Text("met", "green") if check.passed else Text("missed", "bold red")
@@ -126,8 +128,9 @@ def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
     for title in ("torque fit %", f"rmse {checks[0].unit}", "rmse over rms %"):
         table.add_column(title, justify="right", min_width=len(title))
     table.add_column("bars", no_wrap=True, min_width=6)
+    models, files = _labels(checks)
     for check in checks:
-        cells = (_stem(check.model), _stem(check.file), short(check.simulation_fit_percent), short(check.rmse),
+        cells = (models[check.model], files[check.file], short(check.simulation_fit_percent), short(check.rmse),
                  short(check.rmse_percent))
         table.add_row(*map(Text, cells), Text("met", "green") if check.passed else Text("missed", "bold red"))
     return table
@@ -141,8 +144,9 @@ def start_table(checks: Sequence[shapes.CheckSection]) -> Table:
         table.add_column(title, overflow="fold")
     for title in ("start state fitted", "start state measured"):
         table.add_column(title, justify="right", min_width=len(title))
+    models, files = _labels(checks)
     for check in checks:
-        cells = (_stem(check.model), _stem(check.file), short(check.rmse), short(check.measured_start_rmse))
+        cells = (models[check.model], files[check.file], short(check.rmse), short(check.measured_start_rmse))
         table.add_row(*map(Text, cells))
     return table
 
@@ -153,12 +157,12 @@ def cross_table(checks: Sequence[shapes.CheckSection]) -> Table:
                   title=Text("simulation fit %: model (row) on record (column)"),
                   title_justify="left")
     table.add_column("model", overflow="fold")
-    files = _names(checks, "file")
-    for name in files:
-        table.add_column(Text(_stem(name)), justify="right", overflow="fold", min_width=6)
+    models, files = _labels(checks)
+    for label in files.values():
+        table.add_column(Text(label), justify="right", overflow="fold", min_width=6)
     fits = {(check.model, check.file): check.simulation_fit_percent for check in checks}
-    for model in _names(checks, "model"):
-        table.add_row(Text(_stem(model)), *(Text(short(fits.get((model, name)))) for name in files))
+    for model, label in models.items():
+        table.add_row(Text(label), *(Text(short(fits.get((model, name)))) for name in files))
     return table
 
 
@@ -216,6 +220,13 @@ def _names(checks: Iterable[shapes.CheckSection], field: str) -> list[str]:
     return list(dict.fromkeys(getattr(check, field) for check in checks))
 
 
-def _stem(name: str) -> str:
-    """A file name without its suffix, which only costs width."""
-    return name.rpartition(".")[0] or name
+def _labels(checks: Sequence[shapes.CheckSection]) -> tuple[dict[str, str], dict[str, str]]:
+    """What a table calls the models, and the recordings."""
+    return labels(check.model for check in checks), labels(check.file for check in checks)
+
+
+def labels(names: Iterable[str]) -> dict[str, str]:
+    """Name -> what a table calls a file: without folder and suffix, which cost width, where that tells it apart."""
+    stems = {name: PurePath(name).stem for name in dict.fromkeys(names)}
+    many = Counter(stems.values())
+    return {name: stem if many[stem] == 1 else name for name, stem in stems.items()}

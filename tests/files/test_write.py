@@ -320,3 +320,9 @@ def test_no_line_is_drawn_over_a_gap(size):
     assert x[0] == time[0] and abs(x[gap[0] - 1] - time[size // 3 - 1]) < 0.2 and np.all(np.diff(x) >= 0.0)
     whole, curve = plots.decimated(np.geomspace(1.0, 1e3, 400), np.ones(400))
     assert len(whole) == 400 and np.all(np.isfinite(curve))
+
+
+def test_a_table_calls_files_by_what_tells_them_apart():
+    assert tables.labels(["day/a.parquet", "b.mcap", "day/a.parquet"]) == {"day/a.parquet": "a", "b.mcap": "b"}
+    assert tables.labels(["x/a.parquet", "y/a.parquet", "c.yaml"]) == {
+        "x/a.parquet": "x/a.parquet", "y/a.parquet": "y/a.parquet", "c.yaml": "c"}
