@@ -76,8 +76,8 @@ Map = Annotated[str | None, _option(
     "--map", "-m", metavar="FILE", help="Channel map: which channel plays which role, in which unit.")]
 Condition = Annotated[list[str] | None, _option(
     "--condition", metavar="STEP", help="Done to every recording first: 'keep from=2 to=8' and "
-    "'omit from=4.5 to=5' (seconds) before any check, then in the order given despike, 'lowpass cutoff=50', detrend, "
-    "'decimate factor=5', differentiate, integrate; repeatable.")]
+    "'omit from=4.5 to=5' (seconds) before any check, then in the order given despike, 'lowpass cutoff=50', "
+    "detrend, 'decimate factor=5', differentiate, integrate; repeatable.")]
 DriveName = Annotated[str | None, _option(
     "--drive", metavar="NAME|FILE",
     help="one-body, two-mass, three-mass, vehicle, or a YAML file with a drive section. "
