@@ -22,6 +22,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_machines_in_folders_are_told_apart(call, site, tmp_path):
     logs = sorted(site.glob("*/*.parquet"))
     code, out, err = call("compare", *logs, "--drive", "one-body", "--set", START,

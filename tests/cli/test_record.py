@@ -70,6 +70,7 @@ def test_a_known_change_is_judged(call, site):
     assert content_of(site / "check.yaml")["options"]["record"] == [["b.parquet", "motor.added_inertia=0.006"]]
 
 
+@pytest.mark.slow
 def test_a_diagnosis_knows_what_differs(call, site):
     fitted(call, site)
     b, c = site / "b.parquet", site / "c.parquet"

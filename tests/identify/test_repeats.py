@@ -116,7 +116,8 @@ def test_a_scatter_beyond_noise_is_said():
     assert said.code == "records-scatter" and "motor.inertia by 2 kg m^2" in said.text
 
 
-@pytest.mark.parametrize("criterion", ["auto", pytest.param("simulation", marks=pytest.mark.slow), "inverse"])
+@pytest.mark.parametrize("criterion", [
+    *(pytest.param(each, marks=pytest.mark.slow) for each in ("auto", "simulation")), "inverse"])
 def test_the_machine_is_held_and_not_the_day(criterion):
     """Six days that scatter by 1.5 %: one of them by itself knows its own day far better than the machine."""
     held, one, narrow = 0, [], []
