@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from drivetool.errors import BadOption
+from drivetool.logs.parquet import natural
 
 # What writers of data sets leave beside the parts: Parquet's own summaries, and the mark of a job that has ended.
 OF_A_DATA_SET = ("_metadata", "_common_metadata", "_SUCCESS")
@@ -25,7 +25,7 @@ def recordings_in(logs: Sequence[str]) -> list[str]:
 def _in_folder(folder: Path) -> list[str]:
     if any((folder / mark).exists() for mark in OF_A_DATA_SET):
         return [str(folder)]
-    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=_natural)
+    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=natural)
     below = sorted({p.relative_to(folder).parts[0] for p in folder.rglob("*") if _is_recording(p)}
                    - {p.name for p in found})
     if below:
@@ -40,8 +40,3 @@ def _in_folder(folder: Path) -> list[str]:
 def _is_recording(path: Path) -> bool:
     """By its name; hidden files are the file system's own."""
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """run-2 before run-10."""
-    return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", path.name)]

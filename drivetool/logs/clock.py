@@ -51,6 +51,13 @@ def median_step(time: np.ndarray) -> float:
     return float(np.mean(step[(step > 0.5 * middle) & (step < 1.5 * middle)]))
 
 
+def usual_step(time: np.ndarray) -> float:
+    """The usual step of stamps, out of order, repeated or missing as they may be [s]; 0 without any step."""
+    steps = np.abs(np.diff(time))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
 def fit_grid(time: np.ndarray) -> Grid:
     """The uniform grid through the stamps (n,), n >= 2, strictly increasing.
 

@@ -100,7 +100,7 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    parts = sorted(path.rglob("*.parquet"), key=_natural) if path.is_dir() else [path]
+    parts = sorted(path.rglob("*.parquet"), key=natural) if path.is_dir() else [path]
     files, broken, reason = [], [], ""
     for part in parts:
         try:
@@ -128,7 +128,7 @@ def _open(path: Path, stack: ExitStack) -> tuple[list[pq.ParquetFile], list[Find
     return files, findings
 
 
-def _natural(path: Path) -> list:
+def natural(path: Path) -> list[tuple[int, str]]:
     """part-2 before part-10."""
     return [(int(each), "") if each.isdigit() else (-1, each) for each in re.split(r"(\d+)", str(path))]
 

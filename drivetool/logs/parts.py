@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.logs.clock import usual_step
 from drivetool.logs.condition import LEAST, Step
 from drivetool.logs.convert import Signal
 from drivetool.logs.roles import INPUTS
@@ -55,7 +56,7 @@ def cut(signals: Mapping[str, Signal], leader: str, steps: Sequence[Step], log: 
     time = signals[leader].time[np.isfinite(signals[leader].time)]
     if not len(time):
         return Cut(signals, 0.0, WHOLE)
-    start, step = float(time[0]), _usual(time)
+    start, step = float(time[0]), usual_step(time)
     end = float(time.max()) + step - start
     findings = []
     before = len(time)
@@ -102,13 +103,6 @@ def _without(values: np.ndarray, first: int, last: int) -> np.ndarray:
     return values
 
 
-def _usual(time: np.ndarray) -> float:
-    """The usual step of stamps as logged [s]; 0 for a single one."""
-    steps = np.abs(np.diff(time))
-    steps = steps[np.isfinite(steps) & (steps > 0)]
-    return float(np.median(steps)) if len(steps) else 0.0
-
-
 def _inside(time: np.ndarray, start: float, parts: Sequence[Part], step: float) -> np.ndarray:
     """(n,) whether a stamp lies in one of the parts; at an edge, the nearest sample decides."""
     since = time - start
@@ -117,7 +111,7 @@ def _inside(time: np.ndarray, start: float, parts: Sequence[Part], step: float) 
 
 def _within(signal: Signal, start: float, parts: Sequence[Part], late: float) -> Signal:
     """The samples of a signal in the parts, and the one before where the first comes later than half of `late`."""
-    step = _usual(signal.time)
+    step = usual_step(signal.time)
     inside = _inside(signal.time, start, parts, step)
     for first, last in parts:
         own = np.flatnonzero(_inside(signal.time, start, [(first, last)], step))

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.clean_clock import Clock, clean_clock
-from drivetool.logs.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step
+from drivetool.logs.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step, usual_step
 from drivetool.logs.clock_offset import clock_offsets
 from drivetool.logs.convert import Signal
 from drivetool.logs.rate import CUT_OFF, FASTER, average, held_for, low_passed
@@ -142,7 +142,7 @@ def leader_of(times: Mapping[str, np.ndarray]) -> str:
 
     times  role -> (n,) stamps, as logged or clean
     """
-    steps = {role: _usual(time) for role, time in times.items()}
+    steps = {role: usual_step(time) or np.inf for role, time in times.items()}
     own = {role: step for role, step in steps.items() if not role.startswith("reference_")} or steps
     own = {role: step for role, step in own.items() if role not in INPUTS} or own
     fastest = min(own.values())
@@ -166,18 +166,12 @@ def _grid(time: np.ndarray, parts: int, log: str) -> tuple[Grid, np.ndarray]:
     return replace(grid, step=step, index=index), at
 
 
-def _usual(time: np.ndarray) -> float:
-    """The usual step of stamps that may still be out of order or repeated [s]."""
-    steps = np.abs(np.diff(time))
-    return float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
-
-
 def _filled(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
     """The leader's stamps, with those of other clocks where it lacks a sample."""
     time = clocks[leader].time
     step = median_step(time)
     for clock in {id(clock): clock for clock in clocks.values() if clock is not clocks[leader]}.values():
-        away = _distance(clock.time, time) / step
+        away = np.abs(clock.time - time[_nearest(clock.time, time)]) / step
         missing = (away > 0.5) & (np.abs(away - np.round(away)) < JITTER)
         missing &= (clock.time > time[0]) & (clock.time < time[-1])
         if missing.any() and abs(median_step(clock.time) / step - 1) <= LIKE_STEP:
@@ -185,18 +179,17 @@ def _filled(leader: str, clocks: Mapping[str, Clock]) -> np.ndarray:
     return time
 
 
-def _distance(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """(n,) from each time to the nearest stamp."""
+def _nearest(time: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """(n,) index of the stamp nearest to each time."""
     right = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    return np.minimum(np.abs(time - stamps[right - 1]), np.abs(stamps[right] - time))
+    return right - (time - stamps[right - 1] < stamps[right] - time)
 
 
 def _places(time: np.ndarray, at: np.ndarray, step: float) -> np.ndarray | None:
     """Grid points of the times (m,); None if they are not those of the grid (n,)."""
     if time[0] < at[0] - JITTER * step or time[-1] > at[-1] + JITTER * step:
         return None
-    right = np.clip(np.searchsorted(at, time), 1, len(at) - 1)
-    nearest = right - (time - at[right - 1] < at[right] - time)
+    nearest = _nearest(time, at)
     if np.any(np.abs(time - at[nearest]) > JITTER * step) or np.any(np.diff(nearest) < 1):
         return None
     return nearest
@@ -244,8 +237,7 @@ def _converted(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray
 
 def _once_each(values: np.ndarray, at: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Values (n,) of a slow sensor at the grid points next to its samples alone: others would be invented."""
-    right = np.clip(np.searchsorted(at, time), 1, len(at) - 1)
-    nearest = right - (time - at[right - 1] < at[right] - time)
+    nearest = _nearest(time, at)
     found = np.full(len(values), np.nan)
     found[nearest] = values[nearest]
     return found

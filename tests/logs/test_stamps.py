@@ -250,6 +250,19 @@ def test_tables_of_two_rates_joined_on_time():
     np.testing.assert_array_equal(found.signals["motor_torque"], whole.signals["motor_torque"])
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_sensor_slower_than_the_torque_and_off_its_clock(seed):
+    """Speed at 100 Hz, 0.4 ms behind a held torque at 1 kHz; exact, since the speed is a straight line between."""
+    rng = np.random.default_rng(seed)
+    fine = np.arange(20 * N // 10) * 1e-3
+    torque = np.repeat(rng.uniform(-1, 1, len(fine) // 20), 20)
+    clean = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * 1e-3 / INERTIA
+    slow = np.arange(0, len(fine) - 10, 10) * 1e-3 + 0.0004
+    speed = np.interp(slow, fine, clean) + 0.02 * rng.standard_normal(len(slow))
+    value, std = inertia(build_experiment(on((fine, torque), (slow, speed))))
+    assert abs(value - INERTIA) < 3.0 * std and std < 1e-3 * INERTIA
+
+
 def test_zeros_that_a_writer_leaves_out(tmp_path):
     torque, speed = axis(0.002)
     torque = np.where(np.arange(N) // 100 % 3 == 0, 0.0, torque)

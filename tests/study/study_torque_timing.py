@@ -1,20 +1,27 @@
 """Torque logged in its cycle, one sample late or one early, on random rigs with noisy torque: what is told of it?
 
     python -m tests.study.study_torque_timing [rigs] [first]
+    python -m tests.study.study_torque_timing hidden [machine ...]
 
 Motor speed of two masses by the independent simulator, fitted by the right model from starts 10 % off. Per kind of
-record: in how many the shift was told as it was, and in how many another one was.
+record: in how many the shift was told as it was, and in how many another one was. With `hidden`: records of six
+seconds with one hidden effect each, or none, by the command line; effects of which anything is said.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import yaml
 
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from tests.hidden import CODES, greybox_options, make_case, write_start
+from tests.hidden.command import run
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 
@@ -41,5 +48,30 @@ def main(rigs: int = RIGS, first: int = FIRST) -> None:
         print(f"{way:6s} told {right}, told wrongly {wrong} of {rigs}", flush=True)
 
 
+def hidden(*seeds: int) -> None:
+    """Print what greybox says of records in which something else is wrong, or nothing."""
+    count = 0
+    for seed in seeds or (700_001, 700_002, 700_003):
+        for effect in (*CODES, ()):
+            with TemporaryDirectory() as place:
+                folder, labels = Path(place, "r"), Path(place, "l")
+                folder.mkdir()
+                labels.mkdir()
+                case = make_case(effect, seed, seed=seed, duration=6.0)
+                logs, _ = case.write(folder, labels, visibility=False)
+                start = write_start(case, folder)
+                run(folder, ["greybox", *(Path(log).name for log in logs), "--params", Path(start).name, "--out",
+                             "b.yaml", *greybox_options(case)])
+                found = yaml.safe_load((folder / "b.yaml").read_text())["findings"]
+            said = {f["code"] for f in found} & {"torque-late", "torque-early"}
+            count += 1
+            if said:
+                print(f"{effect} in {seed}: {', '.join(sorted(said))}", flush=True)
+    print(f"of {count} records")
+
+
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:2] == ["hidden"]:
+        hidden(*map(int, sys.argv[2:]))
+    else:
+        main(*map(int, sys.argv[1:]))
