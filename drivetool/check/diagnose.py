@@ -35,7 +35,7 @@ from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughDa
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import led_in, roles_of
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.unmeasured import measured
+from drivetool.logs.samples.unmeasured import measured
 
 DELAY, DELAYED = "dead-time", "converter.dead_time"
 MUCH = 0.5  # samples of a dead time, from which what was commanded before a record counts in it

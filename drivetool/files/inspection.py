@@ -16,7 +16,7 @@ from drivetool.files.result_file import file_sections
 from drivetool.files.shapes import FileSection, FindingSection, Number, Shape
 from drivetool.files.text import plain
 from drivetool.identify.estimate import Exhibit
-from drivetool.logs.clean_clock import FAR
+from drivetool.logs.clocks.clean_clock import FAR
 from drivetool.logs.experiment import Source, began
 from drivetool.logs.inspect import ChannelReport, Inspection
 

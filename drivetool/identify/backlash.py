@@ -34,7 +34,7 @@ from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.unmeasured import measured
+from drivetool.logs.samples.unmeasured import measured
 
 # Half gaps to look at, over the twist that the torque of the record makes.
 SCAN = np.geomspace(0.01, 300.0, 205)

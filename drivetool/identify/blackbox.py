@@ -27,7 +27,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Roles, roles_of, traces_of
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.unmeasured import measured
+from drivetool.logs.samples.unmeasured import measured
 
 STARTS = 3
 SPARE = 20  # samples beyond the number of unknowns

@@ -44,7 +44,7 @@ from drivetool.identify.task import has_gap
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.unmeasured import measured
+from drivetool.logs.samples.unmeasured import measured
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared

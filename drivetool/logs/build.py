@@ -10,16 +10,16 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
+from drivetool.logs.clocks.resample import leader_of, onto_grid
 from drivetool.logs.condition import Step, condition, parse_step
 from drivetool.logs.convert import shared_units, to_signals
-from drivetool.logs.counts import made_of_counts
 from drivetool.logs.experiment import Experiment, Recording
 from drivetool.logs.parts import cut, restarted
 from drivetool.logs.read import read_recording
-from drivetool.logs.resample import leader_of, onto_grid
 from drivetool.logs.roles import INPUTS, quantity
-from drivetool.logs.speed_check import compare_speed_and_angle
-from drivetool.logs.unmeasured import unmeasured
+from drivetool.logs.samples.counts import made_of_counts
+from drivetool.logs.samples.speed_check import compare_speed_and_angle
+from drivetool.logs.samples.unmeasured import unmeasured
 
 # Fewer samples than this answer no question about a drive; the second: a piece this short cannot
 # even pay for its own start states.

@@ -24,9 +24,9 @@ import numpy as np
 from drivetool.errors import BadOption, Finding, NotEnoughData, nearest
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, ROLES, ordered, role_of
-from drivetool.logs.speed_check import differentiate
-from drivetool.logs.spikes import despiked
-from drivetool.logs.zero_phase import low_pass
+from drivetool.logs.samples.speed_check import differentiate
+from drivetool.logs.samples.spikes import despiked
+from drivetool.logs.samples.zero_phase import low_pass
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.experiment import Channel, Recording
 from drivetool.logs.roles import ordered, quantity
+from drivetool.logs.samples.wrap import looks_unsigned, looks_wrapped, unwrap
 from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
-from drivetool.logs.wrap import looks_unsigned, looks_wrapped, unwrap
 
 # What no drive reaches, in any unit, and whose square is still a number.
 BEYOND = 1e100

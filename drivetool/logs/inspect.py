@@ -10,13 +10,13 @@ import numpy as np
 from drivetool.errors import BadRecording, DriveToolError, Finding
 from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, resolve
-from drivetool.logs.clean_clock import FAR, clean_clock
-from drivetool.logs.clock import fit_grid, median_step
+from drivetool.logs.clocks.clean_clock import FAR, clean_clock
+from drivetool.logs.clocks.clock import fit_grid, median_step
 from drivetool.logs.condition import parse_step
 from drivetool.logs.experiment import Channel, Experiment, Recording
 from drivetool.logs.read import read_recording
 from drivetool.logs.roles import ROLES
-from drivetool.logs.spikes import despiked, held, quantum
+from drivetool.logs.samples.spikes import despiked, held, quantum
 
 
 @dataclass(frozen=True)

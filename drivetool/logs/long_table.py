@@ -8,9 +8,9 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap
+from drivetool.logs.clocks.table_time import table_time, time_column
 from drivetool.logs.columns import numbers
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.table_time import table_time, time_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

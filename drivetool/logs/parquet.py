@@ -13,11 +13,11 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
+from drivetool.logs.clocks.table_time import from_step, origin_of, table_time, time_column
 from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
 from drivetool.logs.experiment import Channel, Recording, shown
 from drivetool.logs.long_table import is_long, read_long
 from drivetool.logs.roles import ROLES
-from drivetool.logs.table_time import from_step, origin_of, table_time, time_column
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.logs.clock import usual_step
+from drivetool.logs.clocks.clock import usual_step
 from drivetool.logs.condition import LEAST, Step
 from drivetool.logs.convert import Signal
 from drivetool.logs.roles import INPUTS

@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.errors import NotEnoughData
 from drivetool.identify.inverse_dynamics.motion import HIGHEST, motions_of, smoothing_of
-from drivetool.logs.zero_phase import low_pass
+from drivetool.logs.samples.zero_phase import low_pass
 from tests.identify.swing import STEP, record, swing
 from tests.recover import experiment
 

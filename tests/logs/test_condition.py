@@ -12,12 +12,12 @@ from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.logs.build import build_experiment, open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.clocks.rate import average, low_passed
 from drivetool.logs.condition import condition, parse_step
 from drivetool.logs.experiment import Channel, Experiment, Recording
-from drivetool.logs.rate import average, low_passed
-from drivetool.logs.spikes import despiked, held, quantum
-from drivetool.logs.unmeasured import measured
-from drivetool.logs.wrap import looks_wrapped, unwrap
+from drivetool.logs.samples.spikes import despiked, held, quantum
+from drivetool.logs.samples.unmeasured import measured
+from drivetool.logs.samples.wrap import looks_wrapped, unwrap
 from tests.logs.test_parquet import wide
 
 N, STEP = 3000, 1e-3

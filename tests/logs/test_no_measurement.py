@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivetool.logs import unmeasured as module
 from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.unmeasured import measured
+from drivetool.logs.samples import unmeasured as module
+from drivetool.logs.samples.unmeasured import measured
 
 N, STEP = 6000, 1e-3
 TIME = np.arange(N) * STEP

@@ -14,12 +14,12 @@ from drivetool.drive.chain import one_body
 from drivetool.errors import BadOption, BadRecording, DriveToolError
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.logs.batches import batches
 from drivetool.logs.build import build_experiment, open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.coarse_clock import restored
+from drivetool.logs.clocks.batches import batches
+from drivetool.logs.clocks.coarse_clock import restored
+from drivetool.logs.clocks.time_numbers import SLOWEST
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.time_numbers import SLOWEST
 from tests.logs.test_readers import write_mcap
 
 N = 4000

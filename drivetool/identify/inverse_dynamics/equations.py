@@ -13,7 +13,7 @@ from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.inverse_dynamics.asked import Part, asked
 from drivetool.identify.inverse_dynamics.motion import ORDER, Motion, Motions
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.zero_phase import low_pass
+from drivetool.logs.samples.zero_phase import low_pass
 
 ROUNDED = 1e-9  # of a torque's root mean square: what varies by less is constant
 MOST_TURNING = 0.5  # of a recording about reversals, up to which they are left out

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivetool.errors import NotEnoughData
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.zero_phase import BRIDGED, low_pass
+from drivetool.logs.samples.zero_phase import BRIDGED, low_pass
 
 # Sensor noise in the acceleration lowers the inertia of a regression by its share of the acceleration's power.
 NOISE_SHARE = 3e-3

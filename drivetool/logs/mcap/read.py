@@ -12,8 +12,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs import field_path
-from drivetool.logs.batches import batches
 from drivetool.logs.channel_map import ChannelMap, TimeEntry, resolve
+from drivetool.logs.clocks.batches import batches
 from drivetool.logs.experiment import Channel, Recording, shown
 from drivetool.logs.mcap.collector import Collector
 from drivetool.logs.mcap.layout import Broken

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.logs.channel_map import TimeEntry
+from drivetool.logs.clocks.time_numbers import as_seconds, uncounted
 from drivetool.logs.mcap.topics import Fields
-from drivetool.logs.time_numbers import as_seconds, uncounted
 from drivetool.logs.units import parse_unit
 
 LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.logs.spikes import quantum
+from drivetool.logs.samples.spikes import quantum
 
 LEAST, MOST = 1000, 100_000  # samples without a gap, and how many of them are looked at
 FAST, MIDDLE = (0.42, 0.48), (0.2, 0.25)  # bands in which the rounding shows, in sampling rates

@@ -10,8 +10,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import TimeEntry
+from drivetool.logs.clocks.time_numbers import as_seconds, uncounted
 from drivetool.logs.columns import field_at, numbers, steps_of
-from drivetool.logs.time_numbers import as_seconds, uncounted
 from drivetool.logs.units import parse_unit
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding
-from drivetool.logs.batches import refuse_batches
-from drivetool.logs.clock import median_step
-from drivetool.logs.coarse_clock import restored
+from drivetool.logs.clocks.batches import refuse_batches
+from drivetool.logs.clocks.clock import median_step
+from drivetool.logs.clocks.coarse_clock import restored
 
 # Seconds beyond these are damage; larger ones would overflow in what follows.
 FAR = 1e15

@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.logs.clock import median_step
+from drivetool.logs.clocks.clock import median_step
 from drivetool.logs.convert import Signal
 from drivetool.logs.roles import quantity
-from drivetool.logs.speed_check import SURE
+from drivetool.logs.samples.speed_check import SURE
 
 # Longer records are looked at in their first part, coarser ones at this many points.
 POINTS = 200_000

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs.clean_clock import Clock, clean_clock
-from drivetool.logs.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step, usual_step
-from drivetool.logs.clock_offset import clock_offsets
+from drivetool.logs.clocks.clean_clock import Clock, clean_clock
+from drivetool.logs.clocks.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step, usual_step
+from drivetool.logs.clocks.clock_offset import clock_offsets
+from drivetool.logs.clocks.rate import CUT_OFF, FASTER, average, held_for, low_passed
 from drivetool.logs.convert import Signal
-from drivetool.logs.rate import CUT_OFF, FASTER, average, held_for, low_passed
 from drivetool.logs.roles import INPUTS
 
 
