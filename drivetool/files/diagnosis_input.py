@@ -35,10 +35,11 @@ def check_holdout(training: Sequence[Experiment], holdout: Sequence[Experiment])
 
     raises  BadOption: a held-out recording is one of the others, whatever its name
     """
-    names = {e.sha256: e.name for e in training}
+    names = {content: e.name for e in training for content in e.contents}
     for each in holdout:
-        if each.sha256 in names:
-            same = "itself" if each.name == names[each.sha256] else f"the same recording as {names[each.sha256]}"
+        known = next((names[content] for content in each.contents if content in names), None)
+        if known is not None:
+            same = "itself" if each.name == known else f"the same recording as {known}"
             raise BadOption(
                 "a recording after --holdout that is not one of the others", f"{each.name}, {same}",
                 "Give another recording, or leave --holdout out: parts of the record then judge each other.")

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import Literal, NamedTuple
 from zlib import crc32
@@ -115,6 +116,15 @@ class Experiment:
         return number_of(self.sha256)
 
     @property
+    def contents(self) -> tuple[str, str]:
+        """Checksums of the file, and of what is in it: that stays in another format, such as `convert` writes."""
+        told = sha256(repr((self.step, self.segments, self.torque_unit, self.motion_unit)).encode())
+        for role in sorted(self.signals):
+            told.update(role.encode())
+            told.update(np.ascontiguousarray(self.signals[role] + 0.0))  # no negative zeros
+        return self.sha256, told.hexdigest()
+
+    @property
     def size(self) -> int:
         """Number of samples on the grid."""
         return len(next(iter(self.signals.values())))
@@ -153,10 +163,11 @@ def no_copies(experiments: Sequence[Experiment]) -> None:
     """Raise BadOption where two recordings have one content: a copy is no repeat, and would count twice."""
     seen: dict[str, str] = {}
     for e in experiments:
-        if e.sha256 in seen:
-            same = "twice" if e.name == seen[e.sha256] else f"and {e.name} with one content"
-            raise BadOption("every recording once", f"{seen[e.sha256]} {same}", "Leave out the copy.")
-        seen[e.sha256] = e.name
+        known = next((seen[c] for c in e.contents if c in seen), None)
+        if known is not None:
+            same = "twice" if e.name == known else f"and {e.name} with one content"
+            raise BadOption("every recording once", f"{known} {same}", "Leave out the copy.")
+        seen |= dict.fromkeys(e.contents, e.name)
 
 
 def shown(path: Path) -> str:

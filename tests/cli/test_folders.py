@@ -60,6 +60,16 @@ def test_a_copy_does_not_count_twice(here, call):
         assert code == 2 and found in err
 
 
+def test_a_converted_copy_does_not_count_twice(here, call):
+    write(here / "runs" / "a.parquet")
+    assert call("convert", "runs/a.parquet", "--out", "runs/b.parquet", "--quiet")[0] == 0
+    assert (here / "runs" / "a.parquet").read_bytes() != (here / "runs" / "b.parquet").read_bytes()
+    code, _, err = call("greybox", "runs", *FIT)
+    assert code == 2 and "runs/a.parquet and runs/b.parquet with one content" in err
+    write(here / "runs" / "b.parquet", seed=1)  # a repeat
+    data(call, "runs")
+
+
 @pytest.mark.parametrize("mark", ["_metadata", "_common_metadata", "_SUCCESS"])
 def test_a_data_set_is_one_recording(here, call, mark):
     for part in range(3):
