@@ -64,7 +64,23 @@ def to_signals(recording: Recording, chosen: Mapping[str, str],
                 "note", "clock-shifted", f"{entry.shift:g} s were added to the time stamps of {role}, as the "
                 "channel map says.", {"role": role, "shift": entry.shift}))
         signals[role] = Signal(time, values, si, without, broken)
+    if channel_map:
+        _require_near(signals, channel_map, recording.name)
     return signals, findings
+
+
+def _require_near(signals: Mapping[str, Signal], channel_map: ChannelMap, log: str) -> None:
+    """No `shift` takes a signal away from all others that it was logged with: one in milliseconds does."""
+    spans = {role: (float(np.nanmin(s.time)), float(np.nanmax(s.time))) for role, s in signals.items()
+             if np.isfinite(s.time).any()}
+    for role, (first, last) in spans.items():
+        shift = channel_map.roles[role].shift
+        others = [span for other, span in spans.items() if other != role]
+        if shift and others and not any(a <= last and first <= b for a, b in others) and any(
+                a <= last - shift and first - shift <= b for a, b in others):
+            raise BadRecording(f"a shift of {role} that leaves it at the time of the other signals in {log}",
+                               f"{shift:g} s in a record of {last - first:.3g} s",
+                               "Correct `shift`, in seconds, in the channel map.")
 
 
 def _of(channel: Channel, known: np.ndarray, seen: list[tuple[Channel, np.ndarray, np.ndarray]]) -> np.ndarray:

@@ -216,6 +216,44 @@ def test_messages_that_may_be_stamped_in_milliseconds(tmp_path):
         open_experiment(tmp_path / "a.mcap", channel_map(time="t"))
 
 
+@pytest.mark.parametrize(("origin", "step", "unit"), [(1.75e9, 0.02, None), (1.75e9, 0.002, "s"),
+                                                      (1.75e12, 2.0, "ms"), (4.2e6, 0.002, None)])
+def test_single_precision_does_not_reach_from_1970(tmp_path, origin, step, unit):
+    torque, speed = axis(0.002)
+    time = origin + step * np.arange(N)
+    entry = {"time": {"channel": "t", "unit": unit}} if unit else {"time": "t"}
+
+    def read(dtype):
+        pq.write_table(pa.table({"t": time.astype(dtype), "torque": torque, "speed": speed}), tmp_path / "a.parquet")
+        return open_experiment(tmp_path / "a.parquet", channel_map(**entry))
+
+    with pytest.raises(BadRecording, match=r"single precision in 't', which resolve .* Export the time in double"):
+        read(np.float32)
+    assert read(np.float64).step == pytest.approx(step * (1e-3 if unit == "ms" else 1.0), rel=1e-3)
+
+
+def test_single_precision_may_be_a_coarse_clock(tmp_path):
+    """Half of what is refused: steps of 0.125 s, with a uniform clock behind them."""
+    torque, speed = axis(0.002)
+    time = 1.5e6 + 0.002 * np.arange(N)
+    pq.write_table(pa.table({"t": time.astype(np.float32), "torque": torque, "speed": speed}),
+                   tmp_path / "a.parquet")
+    assert "clock-restored" in codes(open_experiment(tmp_path / "a.parquet", channel_map(time="t")))
+
+
+@pytest.mark.parametrize("shift", [9.0, -9.0, 1e3])
+def test_a_shift_out_of_the_record(shift):
+    time = 0.002 * np.arange(N)
+    log = on((time, axis(0.002)[0]), (time, axis(0.002)[1]))
+    torque = {"channel": "motor_torque", "shift": shift}
+    with pytest.raises(BadRecording, match=rf"shift of motor_torque .* found {shift:g} s in a record of 8 s"):
+        build_experiment(log, channel_map({"motor_torque": torque, "motor_speed": {"channel": "motor_speed"}}))
+    both = {role: {"channel": role, "shift": shift} for role in ("motor_torque", "motor_speed")}
+    assert build_experiment(log, channel_map(both)).size == N
+    far = on((time - shift, axis(0.002)[0]), (time, axis(0.002)[1]))  # clocks that count from other times
+    assert build_experiment(far, channel_map({"motor_torque": torque, "motor_speed": {"channel": "motor_speed"}}))
+
+
 # --- rows and messages without a value
 
 def joined(every, late):

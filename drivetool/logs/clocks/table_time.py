@@ -10,7 +10,7 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import TimeEntry
-from drivetool.logs.clocks.time_numbers import as_seconds, uncounted
+from drivetool.logs.clocks.time_numbers import as_seconds, require_fine, uncounted
 from drivetool.logs.columns import field_at, numbers, steps_of
 from drivetool.logs.units import parse_unit
 
@@ -66,11 +66,12 @@ def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry
     except BadRecording:
         raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
                            "Name another with `time:` in the channel map, or export it as time stamps.") from None
-    seconds = uncounted(seconds, entry)
     unit = _unit(column, schema, steps, entry)
-    if unit is None:
-        return as_seconds(seconds, column, log), origin_of(schema)
-    return parse_unit(unit, "time", f"time column '{column}' of {log}").to_si(seconds), origin_of(schema)
+    to_si = parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si
+    if pa.types.is_float32(kind):
+        require_fine(seconds, to_si, column, log)
+    seconds = uncounted(seconds, entry)
+    return to_si(seconds) if unit else as_seconds(seconds, column, log), origin_of(schema)
 
 
 def origin_of(schema: pa.Schema) -> float:

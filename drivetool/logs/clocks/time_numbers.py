@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from drivetool.errors import BadRecording
@@ -24,6 +26,22 @@ def uncounted(counts: np.ndarray, entry: TimeEntry | None) -> np.ndarray:
     found = counts.copy()
     found[known[1:]] -= (entry.wrap * np.cumsum(turns)).astype(counts.dtype)
     return found
+
+
+def require_fine(counts: np.ndarray, to_si: Callable[[np.ndarray], np.ndarray], channel: str, log: str) -> None:
+    """Refuse numbers (n,) of single precision that count from so long ago that samples share them.
+
+    to_si   of a number, in seconds
+    raises  BadRecording: their steps are longer than those of any drive, as for seconds since 1970
+    """
+    known = np.abs(counts[np.isfinite(counts)])
+    largest = float(known.max()) if len(known) else 0.0
+    step = float(to_si(np.asarray(np.spacing(np.float32(largest)), dtype=float)))
+    if np.isfinite(step) and step > SLOWEST:
+        raise BadRecording(
+            f"time stamps that tell the samples of {log} apart",
+            f"numbers of single precision in '{channel}', which resolve {largest:.6g} to {step:.4g} s",
+            "Export the time in double precision or as whole numbers, or count it from the start of the record.")
 
 
 def as_seconds(time: np.ndarray, channel: str, log: str) -> np.ndarray:
