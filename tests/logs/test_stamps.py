@@ -74,6 +74,41 @@ def test_the_clock_behind_coarse_stamps(step, resolution, drift):
     assert np.abs(found - time).max() < 0.6 * resolution
 
 
+@pytest.mark.parametrize("share", [0.001, 0.01, 0.09])
+@pytest.mark.parametrize(("step", "resolution"), [(2.5e-4, 1e-3), (5e-4, 1e-3), (1e-4, 1e-3), (1 / 3000, 1e-3)])
+def test_samples_that_were_lost_behind_coarse_stamps(step, resolution, share):
+    rng = np.random.default_rng(7)
+    kept = np.sort(rng.choice(N, N - round(share * N), replace=False))
+    found, size = restored(cut(kept * step, resolution))
+    there = np.bincount((cut(kept * step, resolution) / resolution).round().astype(int))
+    worst = round(resolution / step) - there[1:-1].min()
+    off = found - kept * step
+    assert size == pytest.approx(resolution) and np.ptp(off - off.mean()) < (2 * worst + 0.01) * step
+    assert np.abs(off).max() < (worst + 0.51) * step and np.mean(np.abs(off - np.median(off)) < 0.01 * step) > 0.6
+
+
+@pytest.mark.parametrize("step", [1 / 1900, 1 / 3900, 1 / 3100])
+def test_a_rate_that_is_no_whole_number_per_stamp_has_lost_none(step):
+    time = np.arange(N) * step
+    found, _ = restored(cut(time, 1e-3))
+    assert np.ptp(found - time) < 0.2 * step
+
+
+def test_of_many_lost_no_clock_is_made():
+    kept = np.sort(np.random.default_rng(7).choice(N, round(0.8 * N), replace=False))
+    assert restored(cut(kept * 2.5e-4, 1e-3)) is None
+
+
+def test_the_inertia_behind_coarse_stamps_with_losses():
+    torque, speed = axis(2.5e-4)
+    kept = np.sort(np.random.default_rng(1).choice(N, N - N // 100, replace=False))
+    stamps = cut(kept * 2.5e-4, 1e-3)
+    found = build_experiment(on((stamps, torque[kept]), (stamps, speed[kept])))
+    assert {"clock-restored", "lost-samples"} == codes(found) and found.segments == ((0, found.size),)
+    value, std = inertia(found)
+    assert abs(value - INERTIA) < 3.0 * std and std < 0.01 * INERTIA
+
+
 @settings(deadline=None, max_examples=60)
 @given(st.integers(0, 2**32), st.integers(1, 60), st.floats(0.0, 0.4))
 def test_other_clocks_are_left_as_they_are(seed, lost, jitter):

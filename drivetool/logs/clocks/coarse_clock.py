@@ -12,6 +12,8 @@ from drivetool.logs.clocks.clock import JITTER
 # the rounding of what is stored add to that. A sample that was lost shifts the stamps behind it by a step, which
 # is seen where a step is a larger share of the resolution than this.
 WITHIN = 1.1
+# Without drift, all stamps lie within the resolution itself from a line; those of a clock that lost samples do not.
+EXACT = 1.0 + 1e-3
 # Stamps are whole multiples of the resolution, to this share of it (seconds as floats of single precision).
 WHOLE = 1e-3
 # Single samples that were lost or logged twice make a step or two of a uniform clock uneven, a coarse clock makes
@@ -52,6 +54,9 @@ def restored(time: np.ndarray, values: Sequence[np.ndarray] = ()) -> tuple[np.nd
     if np.mean(whole > 1) > SELDOM:
         return None
     place = np.concatenate([[0.0], np.cumsum(whole)])
+    counted = _counted(time, resolution)
+    if counted is not None and np.ptp(time - _line(time, place)) > EXACT * resolution:
+        return counted, resolution
     found = np.empty(len(time))
     stretches = _stretches(time, place, resolution)
     if UNEVEN * len(stretches) > uneven:
@@ -76,6 +81,25 @@ def _resolution(steps: np.ndarray) -> float:
         if rest.max() <= WHOLE * found or found < WHOLE * steps[0]:
             return found
         found = float(rest[rest > WHOLE * found].min())
+
+
+def _counted(time: np.ndarray, resolution: float) -> np.ndarray | None:
+    """Stamps where the resolution is a whole number of steps and samples were lost: (n,) seconds.
+
+    Stamps that are shared by too few tell how many were lost there, not which. The rows are spread over the places,
+    so that each is off by as many steps at most; None where another clock lies behind the stamps.
+    """
+    cell = np.round((time - time[0]) / resolution).astype(np.int64)
+    cells, first, there = np.unique(cell, return_index=True, return_counts=True)
+    full = int(np.argmax(np.bincount(there)))
+    lost = int(np.sum(full - there[1:-1]))
+    if full < 2 or there.max() > full or not 0 < lost <= SELDOM * full * len(cells):
+        return None
+    count = np.repeat(there, there)
+    place = np.floor((np.arange(len(time)) - np.repeat(first, there) + 0.5) * full / count)
+    place[:there[0]] = np.arange(full - there[0], full)  # a record begins and ends inside a cell
+    place[first[-1]:] = np.arange(there[-1])
+    return time[0] + (cell + (place + 0.5) / full) * resolution
 
 
 def _twice(shares: np.ndarray, values: Sequence[np.ndarray]) -> bool:
