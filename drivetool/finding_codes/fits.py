@@ -136,6 +136,11 @@ CODES = {
         "The one-step prediction errors (innovations) are correlated: the model lacks an effect. Intervals are "
         "conditional on its structure. It is a note where quantisation explains the correlation.",
         "Run `validate`, then `diagnose`."),
+    "input-delay": Code(
+        WARNING,
+        "The model is far likelier if the torque acts later than it was logged, by a lag or by a part of a sample. "
+        "The converter has a lag or a dead time, or the speed is filtered; no `shift` of whole samples cures it.",
+        "Free `converter.bandwidth` or `converter.dead_time`, or set `sensor.bandwidth`."),
     "light-load": Code(
         WARNING,
         "The load has less than a fifth of the motor's inertia and only the motor is measured. The half gap is "
@@ -312,6 +317,11 @@ CODES = {
         "The model is far likelier with the torque one sample later than it was logged. The stamps are early, the "
         "converter answers late, or the speed is filtered; all look the same.",
         "Write the stated `shift` into the channel map, or free the dead time or the lag of the converter."),
+    "torque-filtered": Code(
+        WARNING,
+        "The model is far likelier with the torque as it was in front of a low-pass of the stated time constant "
+        "than with the torque as logged or shifted. The log has a filtered torque, and inertias are biased.",
+        "Log the torque in front of its filter, or the command."),
     "torque-is-the-answer": Code(
         NOTE,
         "The simulating fit failed (`not-settled` or `explains-nothing`), and Granger's test shows feedback from "

@@ -32,6 +32,7 @@ from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
+from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.unmeasured import measured
@@ -88,7 +89,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                 and not unsettled(outcome) and g not in least and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
                        {"contact": _counts(outcome, drive, gaps)}, known=options.known, explanation=explanation)
-    estimate = replace(estimate, findings=(*doubted_channels(task, outcome.drive), *estimate.findings))
+    estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
+                                           *estimate.findings))
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():

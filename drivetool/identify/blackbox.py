@@ -25,6 +25,7 @@ from drivetool.identify.least_squares import solve
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import Roles, roles_of, traces_of
+from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.unmeasured import measured
@@ -53,19 +54,27 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         return structured(experiments, drive, options)
     if options.criterion == "frequency":
         raise BadOption("a polynomial structure for a fit in the frequency domain", "none", "Add --structure oe.")
+    form, white = transfer_function(experiments, drive, options)
+    gain = np.inf
+    with np.errstate(over="ignore", invalid="ignore"):
+        if form.order > 1:
+            stiff = replace(form, names=ONE_BODY + form.names[6:])
+            gain = misfit(_fit(white.task, stiff, options)) - misfit(white)
+        outcome = coloured(white)
+        timing = torque_timing(white)
+    estimate = estimate_of(Physical(form, drive, options), outcome, gain)
+    return replace(estimate, findings=(*timing, *estimate.findings))
+
+
+def transfer_function(experiments: Sequence[Experiment], drive: Drive, options: Options) -> tuple[Form, Outcome]:
+    """The transfer function of a drive of one or two bodies, and its fit in white noise; see blackbox."""
     _possible(drive, options)
     task = Task(drive, (), _roles(experiments, drive), tuple(measured(e) for e in experiments))
     form = _form(task, options)
     _enough(task, form)
-    gain = np.inf
     # A trial far off may make a frozen observer unstable: its cost overflows and it is rejected.
     with np.errstate(over="ignore", invalid="ignore"):
-        outcome = _fit(task, form, options)
-        if form.order > 1:
-            stiff = replace(form, names=ONE_BODY + form.names[6:])
-            gain = misfit(_fit(task, stiff, options)) - misfit(outcome)
-        outcome = coloured(outcome)
-    return estimate_of(Physical(form, drive, options), outcome, gain)
+        return form, _fit(task, form, options)
 
 
 def misfit(outcome: Outcome) -> float:

@@ -7,7 +7,7 @@ record it was fitted on and no other has not been identified.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import roles_of
 from drivetool.identify.structures import NOISE_ORDER, data_of, simulated_fit
 from drivetool.identify.sums import with_totals
+from drivetool.identify.torque_timing import torque_timing
 from drivetool.logs.experiment import Experiment, Source, numbered
 
 PHYSICAL = ("physical", "physical-innovations")
@@ -62,6 +63,7 @@ class Model:
     lines     parameters of the drive, where they follow
     figures   name -> (value, std or None, unit)
     why       what went wrong; empty if nothing
+    findings  what the fit tells about the recording
     """
 
     structure: str
@@ -73,6 +75,7 @@ class Model:
     unstable: bool = False
     noise_parameters: int = 0
     why: str = ""
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,8 @@ def _physical(structure: str, name: str, e: Experiment, drive: Drive, together: 
     lines, _, _ = parameters_of(outcome.problem, outcome.solution, start, outcome.drive)
     figures = {name: (w, None, "rad/s") for name, w in ringing(outcome.drive).items()}
     counted = 0 if outcome.fit is None else outcome.fit.noise.parameters
-    return Model(structure, name, None, outcome.drive, lines, figures, False, counted)
+    return Model(structure, name, None, outcome.drive, lines, figures, False, counted,
+                 findings=tuple(torque_timing(outcome)))
 
 
 def _started(drive: Drive, e: Experiment) -> Drive:
@@ -267,6 +271,7 @@ def _outcome(cross: Mapping[tuple[str, str, str], float | None]) -> str:
 def _findings(models: Sequence[Model], cross: Mapping[tuple[str, str, str], float | None]) -> list[Finding]:
     found = []
     for m in models:
+        found += [replace(f, text=f"{m.structure} on {m.record}: {f.text}") for f in m.findings]
         if m.why or m.unstable:
             what = m.why or "the model grows by itself and is not simulated"
             found.append(Finding("warning", "unstable-estimate" if m.unstable else "no-fit",

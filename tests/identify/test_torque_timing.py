@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import one_body, two_mass
+from drivetool.identify import recorded_timing
 from drivetool.identify import torque_timing as module
+from drivetool.identify.backlash import backlash
+from drivetool.identify.blackbox import blackbox
+from drivetool.identify.compare import CompareOptions, compare
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from drivetool.identify.torque_timing import looked_at
+from drivetool.identify.recorded_timing import looked_at
+from drivetool.identify.torque_timing import torque_timing
 from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.experiment import Channel, Experiment, Recording
-from tests.recover import drive_like, linear_record, truth
+from tests.recover import drive_like, gap_record, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 
 N, STEP = 4000, 2e-3
@@ -52,8 +57,12 @@ def fitted(experiment):
     return greybox([experiment], start, Options())
 
 
-def told(findings):
-    return {f.code: f for f in findings if f.code in ("torque-late", "torque-early")}
+SHIFTS = ("torque-late", "torque-early")
+ALL = (*SHIFTS, "torque-filtered", "input-delay")
+
+
+def told(findings, of=SHIFTS):
+    return {f.code: f for f in findings if f.code in of}
 
 
 def row(estimate, name="motor.inertia"):
@@ -131,11 +140,99 @@ def test_a_loop_tells_it_too():
 
 
 def test_bounds_have_a_reason(monkeypatch):
-    """Twice what a model may leave, and a resonance is taken for a shift; half of it, and one goes unseen."""
-    monkeypatch.setattr(module, "LEFT", 1.0)
-    assert told(looked_at(record(*ringing(), "late")))
+    """A tenth of what a model may leave, and a shift goes unseen; all of it, and one body explains a resonance."""
+    right, wrong = (recorded_timing._one_body(record(*given, "late")) for given in (axis(3), ringing()))
+    assert told(torque_timing(right)) and not told(torque_timing(wrong), of=ALL)
     monkeypatch.setattr(module, "LEFT", 0.01)
-    assert not told(looked_at(record(*axis(3), "late")))
+    assert not told(torque_timing(right), of=ALL)
+    monkeypatch.setattr(module, "LEFT", 1.0)
+    monkeypatch.setattr(module, "HOPELESS", 1.0)
+    assert told(torque_timing(wrong), of=ALL)
+
+
+@pytest.mark.parametrize(("way", "samples"), [
+    ("late", 1), ("right", 0), pytest.param("early", -2, marks=pytest.mark.slow)])
+def test_a_look_at_a_resonance(way, samples):
+    torque, speed = ringing()
+    found = told(looked_at(record(np.roll(torque, samples), speed)))
+    assert set(found) == ({f"torque-{way}"} if samples else set())
+    assert not samples or found[f"torque-{way}"].evidence["shift"] == pytest.approx(-samples * STEP)
+
+
+# --- what is no shift
+
+def low_passed(torque, time):
+    """y += (u - y) / (1 + time), as a drive filters what it logs."""
+    found, y = np.empty_like(torque), torque[0]
+    for k, u in enumerate(torque):
+        y += (u - y) / (1.0 + time)
+        found[k] = y
+    return found
+
+
+@pytest.mark.parametrize("time", [
+    1.0, *(pytest.param(t, marks=pytest.mark.slow) for t in (0.5, 2.0, 5.0, 10.0, 20.0))])
+@pytest.mark.parametrize("later", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_filtered_torque_is_not_cured_by_a_shift(time, later):
+    """By itself, or logged in the next cycle besides: the time constant is about right, or nothing is said."""
+    torque, speed = axis(3)
+    found = told(looked_at(record(np.roll(low_passed(torque, time), later), speed)), of=ALL)
+    assert set(found) <= {"torque-filtered"}
+    if found:
+        assert found["torque-filtered"].evidence["time_constant"] == pytest.approx(time * STEP, rel=0.3)
+    elif time == 1.0:
+        pytest.fail("a plain filter goes unseen")
+
+
+@pytest.mark.slow
+def test_a_filter_that_two_masses_tell():
+    machine = machine_by_seed(102)
+    whole = linear_record(machine, 102)
+    torque = low_passed(whole.signals["motor_torque"], 5.0)
+    filtered = replace(whole, signals={**whole.signals, "motor_torque": torque})
+    found = told(blackbox([filtered], two_mass(), Options()).findings, of=ALL)
+    assert found["torque-filtered"].evidence["time_constant"] == pytest.approx(5.0 * 1e-3, rel=0.4)
+
+
+@pytest.mark.slow
+def test_a_lag_of_the_converter_is_no_shift():
+    torque, _ = axis(3)
+    acting = low_passed(torque, 1.0)
+    decay = np.exp(-VISCOUS / INERTIA * STEP)
+    speed = np.zeros(N)
+    for k in range(N - 1):
+        speed[k + 1] = decay * speed[k] + (1 - decay) / VISCOUS * acting[k]
+    speed += 0.02 * np.random.default_rng(1).standard_normal(N)
+    found = told(looked_at(record(torque, speed)), of=ALL)
+    assert set(found) == {"input-delay"} and "converter.bandwidth" in found["input-delay"].action
+
+
+# --- the other steps that fit by innovations
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["late", "right"])
+def test_black_box_and_compare_ask_too(way):
+    machine = machine_by_seed(1)
+    whole = linear_record(machine, 1)
+    late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
+        whole.signals["motor_torque"], WAYS[way])})
+    expected = {f"torque-{way}"} if WAYS[way] else set()
+    drive = drive_like(machine, [n for n in truth(machine) if not n.startswith("total")])
+    assert set(told(blackbox([late], two_mass(), Options()).findings)) == expected
+    found = compare([late, replace(late, name="again")], drive, CompareOptions(("physical-innovations",)))
+    assert {f.code: f.text for f in found.findings if f.code in SHIFTS}.keys() == expected
+    assert all(f.text.startswith("physical-innovations on ") for f in found.findings if f.code in SHIFTS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["late", "right"])
+def test_backlash_asks_too(way):
+    machine = machine_by_seed(11)
+    whole = gap_record(machine, 11)[0]
+    late = replace(whole, signals={**whole.signals, "motor_torque": np.roll(
+        whole.signals["motor_torque"], WAYS[way])})
+    drive = drive_like(machine, [n for n in truth(machine) if not n.startswith("total")])
+    assert set(told(backlash([late], drive, Options()).findings)) == ({f"torque-{way}"} if WAYS[way] else set())
 
 
 def test_what_has_no_torque_or_motion_is_not_asked():

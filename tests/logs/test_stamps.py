@@ -259,7 +259,8 @@ def test_single_precision_does_not_reach_from_1970(tmp_path, origin, step, unit)
     entry = {"time": {"channel": "t", "unit": unit}} if unit else {"time": "t"}
 
     def read(dtype):
-        pq.write_table(pa.table({"t": time.astype(dtype), "torque": torque, "speed": speed}), tmp_path / "a.parquet")
+        columns = {"t": time.astype(dtype), "torque": torque, "speed": speed}
+        pq.write_table(pa.table(columns), tmp_path / "a.parquet")
         return open_experiment(tmp_path / "a.parquet", channel_map(**entry))
 
     with pytest.raises(BadRecording, match=r"single precision in 't', which resolve .* Export the time in double"):

@@ -2,10 +2,12 @@
 
     python -m tests.study.study_torque_timing [rigs] [first]
     python -m tests.study.study_torque_timing hidden [machine ...]
+    python -m tests.study.study_torque_timing look [machine ...]
 
 Motor speed of two masses by the independent simulator, fitted by the right model from starts 10 % off. Per kind of
 record: in how many the shift was told as it was, and in how many another one was. With `hidden`: records of six
-seconds with one hidden effect each, or none, by the command line; effects of which anything is said.
+seconds with one hidden effect each, or none, by the command line; effects of which anything is said. With `look`: the
+same of the first record of each, as `inspect` looks at it.
 """
 
 from __future__ import annotations
@@ -20,12 +22,15 @@ import yaml
 
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
+from drivetool.identify.recorded_timing import looked_at
+from drivetool.logs.build import open_experiment
 from tests.hidden import CODES, greybox_options, make_case, write_start
 from tests.hidden.command import run
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 
 RIGS, FIRST = 40, 100
+SAID = {"torque-late", "torque-early", "torque-filtered", "input-delay"}
 WAYS = {"right": 0, "late": 1, "early": -1}
 NAMES = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "total.viscous", "total.idle_torque"]
 
@@ -36,7 +41,7 @@ def told(seed: int, way: str) -> set[str]:
     record = linear_record(machine, seed)
     signals = {**record.signals, "motor_torque": np.roll(record.signals["motor_torque"], WAYS[way])}
     found = greybox([replace(record, signals=signals)], drive_like(machine, NAMES, 0.1), Options())
-    return {f.code for f in found.findings} & {"torque-late", "torque-early"}
+    return {f.code for f in found.findings} & SAID
 
 
 def main(rigs: int = RIGS, first: int = FIRST) -> None:
@@ -63,15 +68,31 @@ def hidden(*seeds: int) -> None:
                 run(folder, ["greybox", *(Path(log).name for log in logs), "--params", Path(start).name, "--out",
                              "b.yaml", *greybox_options(case)])
                 found = yaml.safe_load((folder / "b.yaml").read_text())["findings"]
-            said = {f["code"] for f in found} & {"torque-late", "torque-early"}
+            said = {f["code"] for f in found} & SAID
             count += 1
             if said:
                 print(f"{effect} in {seed}: {', '.join(sorted(said))}", flush=True)
     print(f"of {count} records")
 
 
+def look(*seeds: int) -> None:
+    """Print what a look at each record says of the torque, without a model."""
+    for seed in seeds or (700_001, 700_002):
+        for effect in (*CODES, ()):
+            with TemporaryDirectory() as place:
+                folder, labels = Path(place, "r"), Path(place, "l")
+                folder.mkdir()
+                labels.mkdir()
+                logs, _ = make_case(effect, seed, seed=seed, duration=6.0).write(folder, labels, visibility=False)
+                said = {f.code for f in looked_at(open_experiment(logs[0]))} & SAID
+            if said:
+                print(f"{effect} in {seed}: {', '.join(sorted(said))}", flush=True)
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["hidden"]:
         hidden(*map(int, sys.argv[2:]))
+    elif sys.argv[1:2] == ["look"]:
+        look(*map(int, sys.argv[2:]))
     else:
         main(*map(int, sys.argv[1:]))
