@@ -117,6 +117,8 @@ USED = {
     "steady": {"motor_torque", "motor_speed", "shaft_torque", "load_speed"},
     "blackbox": {"motor_torque", "load_torque", "motor_speed"},
     "greybox": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
+    "backlash": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
+    "diagnose": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
     "validate": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
     "simulate": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
     "compare": {"motor_torque", "load_torque", "motor_speed"},
@@ -163,19 +165,27 @@ def every_role(path, kind, step, hold, seed=1):
         writer.finish()
 
 
+SLOW = ("diagnose",)
+MAP = {"schema": "drivetool/channel-map/1", "roles": {role: role for role in NAMES}}
+
+
 @pytest.mark.parametrize("kind", ["parquet", pytest.param("mcap", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("step", USED)
+@pytest.mark.parametrize("step", [
+    pytest.param(step, marks=pytest.mark.slow) if step in SLOW else step for step in USED])
 def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, kind):
     logs = ["all", "more"] if step == "compare" else ["all"]
     for seed, name in enumerate(logs):
         every_role(place / f"{name}.{kind}", kind, *((0.02, 300) if step == "steady" else (0.002, 30)), seed)
-    (place / "map.yaml").write_text(yaml.safe_dump({
-        "schema": "drivetool/channel-map/1", "roles": {role: role for role in NAMES}}))
+    (place / "map.yaml").write_text(yaml.safe_dump(MAP))
     words = [step, *(f"{name}.{kind}" for name in logs), "--map", "map.yaml"]
     if step != "spectra":
-        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(yaml.safe_dump(TWO).encode())))
+        fitted = {name: {**entry, "status": "fitted"} for name, entry in TWO["parameters"].items()}
+        given = {**TWO, "parameters": fitted} if step == "diagnose" else TWO
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(yaml.safe_dump(given).encode())))
         words += ["--params", "-"]
-    words += {"greybox": ["--criterion", "simulation", "--hold", "shaft.damping"]}.get(step, [])
+    words += {"greybox": ["--criterion", "simulation", "--hold", "shaft.damping"],
+              "backlash": ["--criterion", "simulation"],
+              "diagnose": ["--candidates", "dead-time", "--rounds", "1", "--quiet"]}.get(step, [])
     words += ["--out", "x.parquet"] if step == "simulate" else ["--json"]
     code, out, err = call(*words)
     assert code in (0, 3), err
@@ -187,6 +197,15 @@ def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, ki
         assert "gear_speed (the drive has no body gear)" in said
         assert "shaft2_torque (the drive has no shaft shaft2)" in said
         assert "table_speed (the drive has no body table)" in said
+
+
+@pytest.mark.parametrize("kind", ["parquet", "mcap"])
+def test_a_look_shows_every_role(place, call, kind):
+    every_role(place / f"all.{kind}", kind, 0.002, 30)
+    (place / "map.yaml").write_text(yaml.safe_dump(MAP))
+    code, out, err = call("inspect", f"all.{kind}", "--map", "map.yaml", "--json")
+    assert code == 0, err
+    assert {c["role"] for c in json.loads(out)["channels"]} == set(NAMES)
 
 
 def test_a_further_body_is_found_by_its_name_without_a_map(place, call):

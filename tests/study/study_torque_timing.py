@@ -6,8 +6,8 @@
 
 Motor speed of two masses by the independent simulator, fitted by the right model from starts 10 % off. Per kind of
 record: in how many the shift was told as it was, and in how many another one was. With `hidden`: records of six
-seconds with one hidden effect each, or none, by the command line; effects of which anything is said. With `look`: the
-same of the first record of each, as `inspect` looks at it.
+seconds with one hidden effect each, or none, by the command line; effects of which anything is said. With `look`:
+the same of the first record of each, as `inspect` looks at it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """From a faster clock to a slower one without aliasing, and from one grid to another.
 
-A sensor is weighted with a sinc in a Kaiser window, cut off at 0.4 of the new rate: up to 0.3 of the
+The grid is that of the fastest sensor, so what is asked of the loop (references) alone can be faster than it. Taken at the
+grid points, it would carry aliases: `spectra` and the instruments of the inverse criterion would take them for what the
+loop was asked below half the rate. So it is weighted with a sinc in a Kaiser window, cut off at 0.4 of the new rate: up to 0.3 of the
 new rate nothing changes (1e-3), from 0.5 on at most 1e-3 is left. No delay. An input is averaged
 over the step in which it is going to be held: that keeps its impulse, which is what the drive feels.
 """
@@ -54,9 +56,9 @@ def held_for(time: np.ndarray) -> np.ndarray:
 
 
 def low_passed(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(n,) values of a sensor at the new times, without what a grid of `step` cannot show.
+    """(n,) values of a reference at the new times, without what a grid of `step` cannot show.
 
-    time, values  (m,) of the sensor, on a faster clock; NaN near its ends and its gaps
+    time, values  (m,) of the reference, on a faster clock; NaN near its ends and its gaps
     """
     own = median_step(time)
     count = round((time[-1] - time[0]) / own) + 1

@@ -286,8 +286,8 @@ def _resampled_finding(grid: Grid, clocks: Mapping[str, Clock], leader: str, log
 
 def _slowed_finding(slowed: Mapping[str, float], grid: Grid, log: str) -> Finding:
     return Finding("note", "anti-aliased",
-                   f"{', '.join(slowed)} of {log} came faster than the grid; sensors were low-passed without "
-                   f"delay at {CUT_OFF / grid.step:.4g} Hz, inputs averaged over each step.",
+                   f"{', '.join(slowed)} of {log} came faster than the grid and were low-passed without "
+                   f"delay at {CUT_OFF / grid.step:.4g} Hz.",
                    {"step": grid.step, "cut_off": CUT_OFF / grid.step,
                     **{f"step_{role}": own for role, own in slowed.items()}})
 
