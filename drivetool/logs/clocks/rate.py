@@ -1,10 +1,11 @@
 """From a faster clock to a slower one without aliasing, and from one grid to another.
 
-The grid is that of the fastest sensor, so what is asked of the loop (references) alone can be faster than it. Taken at the
-grid points, it would carry aliases: `spectra` and the instruments of the inverse criterion would take them for what the
-loop was asked below half the rate. So it is weighted with a sinc in a Kaiser window, cut off at 0.4 of the new rate: up to 0.3 of the
-new rate nothing changes (1e-3), from 0.5 on at most 1e-3 is left. No delay. An input is averaged
-over the step in which it is going to be held: that keeps its impulse, which is what the drive feels.
+The grid is that of the fastest sensor, so what is asked of the loop (references) alone can be faster than it.
+Taken at the grid points, it would carry aliases, and `spectra` and the instruments of the inverse criterion
+would take them for what the loop was asked. So it is weighted with a sinc in a Kaiser window, cut off at 0.4
+of the new rate: up to 0.3 of the new rate nothing changes (1e-3), from 0.5 on at most 1e-3 is left. No delay.
+An input is averaged over the step in which it is going to be held: that keeps its impulse, which is what the
+drive feels.
 """
 
 from __future__ import annotations
