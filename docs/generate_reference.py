@@ -21,8 +21,8 @@ from drivetool.files.catalogue import catalogue
 from drivetool.files.schema import TITLES, kinds, schema_of
 from drivetool.files.units import ATOMS
 from drivetool.finding_codes import STAGES
-from drivetool.logs.roles import FURTHER, ROLES
-from drivetool.logs.units import TABLE
+from drivetool.logs.roles import FURTHER, MOTORS, ROLES
+from drivetool.logs.units import PERCENT, TABLE
 from drivetool.quantity import Quantity
 
 SHARED = 3  # commands with the same option, from which it is listed once for all of them
@@ -256,17 +256,24 @@ def roles() -> str:
     si = {dimension: [unit for unit, (kind, own, *_) in TABLE.items() if kind == dimension and own == unit]
           for dimension in dict.fromkeys(role.quantity for role in ROLES.values())}
     further = {f"<{'shaft' if what == 'torque' else 'body'}>_{what}": role for what, role in FURTHER.items()}
-    rows = [(code(name), prose(role.meaning), role.quantity, ", ".join(map(code, si[role.quantity])), role.kind)
+    rows = [(code(name), prose(role.meaning), role.quantity,
+             ", ".join(map(code, _read_as(name, si[role.quantity]))), role.kind)
             for name, role in (ROLES | further).items()]
     return page(
         "Channel roles", "This page lists the roles that a channel of a recording can play, with quantity and "
         "unit.",
         "The channel map says which channel plays which role. Without a map a channel plays the role that it is "
-        "named after. A drive has one unit of torque and one unit of motion.",
+        "named after. A drive has one unit of torque and one unit of motion; a torque constant makes torques of A, "
+        "V and %.",
         "An input acts on the model and is held until its next value. A sensor is compared with the model. A "
         "reference serves the indirect estimate of a frequency response in closed loop.",
         table(("Role", "Meaning", "Quantity", "Units after reading", "Kind"), rows),
         "Which other units a channel may have says the page [Units](units.md).")
+
+
+def _read_as(role: str, si: Sequence[str]) -> list[str]:
+    """The units that a role may have after reading: only what a motor is fed with may be in V or %."""
+    return [*si, PERCENT] if role in MOTORS else [unit for unit in si if unit != "V"]
 
 
 def units() -> str:
@@ -275,7 +282,7 @@ def units() -> str:
     channels = [(code(unit), dimension, *(text.format(number(factor)) for text in special.get(
                     dimension, ("{}", code(si)))), ", ".join(map(code, others)))
                 for unit, (dimension, si, factor, others) in TABLE.items()]
-    names = ("kg", "m", "s", "A", "rad")
+    names = ("kg", "m", "s", "A", "rad", "%")
     atoms = [(code(unit), number(factor), code(" ".join(
         f"{n}^{p}" if p != 1 else n for n, p in zip(names, powers, strict=True) if p) or 1))
         for unit, (factor, powers) in ATOMS.items() if unit]
@@ -283,12 +290,13 @@ def units() -> str:
         "Units", "This page lists the units that a channel or a parameter may have, with their factors to SI.",
         "## Units of channels",
         "They stand in the log or in the channel map. A relative unit needs `rated`, the value that 100 % stands "
-        "for; `counts` need `per_rev`, the counts per revolution.",
+        "for; `counts` need `per_rev`, the counts per revolution. The input of a motor may stay in A, V or %, then "
+        "without `rated`; 1 is 100 %. `BODY.torque_constant` makes a torque of it.",
         table(("Unit", "Quantity", "Factor", "SI unit", "Other spellings"), channels),
         "## Units of parameters",
         "They stand in a parameter file and after `--set`. They are products, quotients and powers of the units "
-        "below, such as `kg cm^2`, `Nm/deg` or `Nm s/rad`. The radian counts as a dimension of its own, except in "
-        "an inertia.",
+        "below, such as `kg cm^2`, `Nm/deg`, `mNm/A` or `Nm/%`. The radian counts as a dimension of its own, "
+        "except in an inertia; so does the per cent in a product or quotient.",
         table(("Unit", "Factor", "SI unit"), atoms))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+ELECTRIC = ("A", "V", "%")  # what the input of a motor may be logged in; its torque constant makes it a torque
+
 # A chain is the same for Nm and rad, N and m, or A and rad; units follow from these two.
 _SPELLING = {
     ("{T} s^2/{q}", "Nm", "rad"): "kg m^2",
@@ -17,7 +19,8 @@ _SPELLING = {
 class Quantity:
     """A kind of parameter.
 
-    unit     template over {T} (torque unit: Nm, N or A) and {q} (motion unit: rad or m)
+    unit     template over {T} (torque unit: Nm or N, or that of the input), {q} (motion unit: rad or m) and {u}
+             (unit of a motor's input: A, V or %)
     meaning  a few words for tables
     bounds   lowest and highest value that is physical, in the unit
     scale    a typical size in a record whose torque and speed are one, used where a value of zero gives none
@@ -32,10 +35,10 @@ class Quantity:
     neutral: float | None = None
     choice: tuple[float, ...] = ()
 
-    def unit_for(self, torque_unit: str, motion_unit: str) -> str:
+    def unit_for(self, torque_unit: str, motion_unit: str, input_unit: str = "A") -> str:
         """The unit in words, for example 'kg m^2' or 'A s^2/rad'."""
         special = _SPELLING.get((self.unit, torque_unit, motion_unit))
-        return special or self.unit.format(T=torque_unit, q=motion_unit)
+        return special or self.unit.format(T=torque_unit, q=motion_unit, u=input_unit)
 
     def size(self, torque: float, speed: float) -> float:
         """A typical size in a record with such a torque and speed: it changes with them as the unit says."""

@@ -85,7 +85,8 @@ def with_middle(base: Model, share: float, place: float) -> Task:
               f"{shaft}.stiffness": scale * shafts[0], stiffness: scale * shafts[1],
               f"{shaft}.damping": cs / place, damping: cs / (1.0 - place)}
     longer = Drive("three-mass with a middle", (first, MIDDLE, last), (shaft, stiffness.split(".")[0]), values,
-                   drive.torque_unit, drive.motion_unit, drive.damping_law, records=drive.records)
+                   drive.torque_unit, drive.motion_unit, drive.damping_law, records=drive.records,
+                   input_unit=drive.input_unit, constants=drive.constants)
     return replace(task, drive=longer, free=tuple(
         n for n in longer.quantities if n in {*task.free, inertia, stiffness, damping}))
 

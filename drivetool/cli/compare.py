@@ -12,7 +12,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all
+from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, with_torques
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import BadOption, DriveToolError
 
@@ -104,7 +104,7 @@ def run(job: Job, options: CompareOptions) -> int:
     from drivetool.logs.experiment import no_copies
 
     opened = open_all(job)
-    drive = drive_for(job, opened)
+    opened, drive = with_torques(opened, drive_for(job, opened))
     no_copies([opened.experiments[i] for places in options.machines.values() for i in places])
     try:
         found = compare(opened.experiments, drive, options)

@@ -10,7 +10,7 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all
+from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all, with_torques
 from drivetool.cli.outcomes import guarded, say
 from drivetool.cli.record_option import differing, only_stated
 from drivetool.errors import BadOption, DriveToolError
@@ -66,6 +66,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     """
     from drivetool.check.causes import chosen_causes
     from drivetool.check.diagnose import diagnose
+    from drivetool.drive.chain import is_constant
     from drivetool.files.diagnosis_file import diagnosis_file, sections_before
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
     from drivetool.files.report_page import diagnosis_page
@@ -74,17 +75,17 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
 
     check_outputs(job, report=report)
     opened = open_all(job)
+    loaded = opened.loaded
+    apart = only_stated(differing(job, opened.experiments, drive_for(job, opened)), job.step)
+    opened, drive = with_torques(opened, apart.drive)
     split = len(opened.experiments) - held
     training, holdout = opened.experiments[:split], opened.experiments[split:]
     check_holdout(training, holdout)
-    loaded = opened.loaded
-    apart = only_stated(differing(job, opened.experiments, drive_for(job, opened)), job.step)
-    drive = apart.drive
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
     try:
-        free = [name for name, section in sections.items() if section.status != "held"]
+        free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)]
         found = diagnose(training, drive, free, options, holdout, loaded.starts(drive))
     except DriveToolError:
         draw_recordings(job, training)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from drivetool.errors import BadOption, BadParameters, BadRecording, DriveToolError
+from drivetool.errors import BadOption, BadParameters, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -94,7 +94,6 @@ def open_all(job: Job) -> Opened:
     for log in job.logs:
         with _as_given(log):
             experiments.append(open_experiment(log, channel_map, job.condition, further))
-    _one_kind(experiments)
     return Opened(tuple(experiments), loaded, shape)
 
 
@@ -121,15 +120,17 @@ def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
     return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
 
 
-def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
+def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequence[str] = ()) -> Drive:
     """The drive to work with: --drive, else the parameter file's, else two masses.
 
     loaded  the parameter files to take values from; None: all of them
+    free    names of what is to be fitted
     """
+    from drivetool.cli.units_of import units_of
     from drivetool.drive.chain import KNOWN_DRIVES, two_mass
 
     loaded = loaded or opened.loaded
-    units = opened.experiments[0].torque_unit, opened.experiments[0].motion_unit
+    units = units_of(job, opened, loaded, free)
     drive = loaded.structure(two_mass(*units))
     if opened.shape:
         drive = opened.shape.fill(opened.shape.structure(two_mass(*units)))
@@ -137,6 +138,14 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None) -> Drive:
         drive = replace(KNOWN_DRIVES[job.drive](*units), damping_law=drive.damping_law)
     drive = loaded.fill(drive)
     return as_set(drive, job.set)
+
+
+def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = ()) -> tuple[Opened, Drive]:
+    """What was opened with inputs in A, V or % as torques, and the drive that knows by what constants."""
+    from drivetool.identify.torque_constant import as_torques
+
+    experiments, drive = as_torques(opened.experiments, drive, free)
+    return replace(opened, experiments=experiments), drive
 
 
 def as_set(drive: Drive, words: Sequence[str]) -> Drive:
@@ -274,14 +283,3 @@ def is_input(job: Job, path: str) -> bool:
     return any(os.path.samefile(entry, path) for entry in read) or any(
         os.path.realpath(path).startswith(os.path.join(os.path.realpath(entry), ""))
         for entry in read if os.path.isdir(entry))
-
-
-def _one_kind(experiments: Sequence[Experiment]) -> None:
-    """Recordings that go into one fit have the same units."""
-    first = experiments[0]
-    for other in experiments[1:]:
-        if (other.torque_unit, other.motion_unit) != (first.torque_unit, first.motion_unit):
-            raise BadRecording(
-                f"recordings in {first.torque_unit} and {first.motion_unit}, as {first.name} is",
-                f"{other.torque_unit} and {other.motion_unit} in {other.name}",
-                "Fit them apart, or correct the units in the channel map.")

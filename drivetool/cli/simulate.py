@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, drive_for, findings, open_all, start_of
+from drivetool.cli.inputs import Job, drive_for, findings, open_all, start_of, with_torques
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
@@ -51,8 +51,8 @@ def run(job: Job, segment: float) -> int:
                         "The table is binary; write for example '--out sim.parquet'.")
     _ = job.log
     opened = open_all(job)
+    opened, drive = with_torques(opened, drive_for(job, opened))
     experiment, = opened.experiments
-    drive = drive_for(job, opened)
     found = run_model(experiment, drive, segment, start_of(job.start, drive))
     said = findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
     models = ", ".join(name for name, _ in opened.inputs)

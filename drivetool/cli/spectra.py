@@ -13,6 +13,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, check_outputs, findings, is_input, noted, open_all
 from drivetool.cli.outcomes import guarded, say
+from drivetool.cli.units_of import one_kind
 from drivetool.errors import DriveToolError
 
 if TYPE_CHECKING:
@@ -90,6 +91,7 @@ def run(job: Job, options: SpectraOptions, curves: str | None = None) -> int:
         curves = _beside(job, job.out)
     check_outputs(job, curves=curves)
     opened = open_all(job)
+    one_kind(opened.experiments)
     try:
         spectrum = spectra(opened.experiments, options)
     except DriveToolError:

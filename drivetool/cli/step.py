@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of
+from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of, with_torques
 from drivetool.cli.outcomes import guarded
 from drivetool.cli.record_option import differing
 from drivetool.errors import DriveToolError
@@ -79,8 +79,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
 
     opened = open_all(job)
     no_copies(opened.experiments)
-    apart = differing(job, opened.experiments, drive_for(job, opened))
-    drive = apart.drive
+    apart = differing(job, opened.experiments, drive_for(job, opened, free=options.free))
+    opened, drive = with_torques(opened, apart.drive, (*options.free, *apart.free))
     with as_usage():
         for name in (*options.hold, *options.free):
             if name != "all":

@@ -18,6 +18,8 @@ from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
+    from drivetool.cli.inputs import Opened
+    from drivetool.drive.chain import Drive
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs.experiment import Experiment
 
@@ -74,13 +76,22 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     if options.criterion == "inverse":
         raise BadOption("--criterion inverse or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
-    models = [(source.name, source.sha256, drive_for(job, opened, replace(opened.loaded, sources=(source,))))
-              for source in opened.loaded.sources]
+    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
+    opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each])
+    models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
     used = asdict(options) | {"gains": entry[0], "configuration": configuration}
     validation = replace(validation, options=noted(job, used), findings=findings(
         opened, validation.findings, {*COMPARED, "load_torque"}, models[0][2], job.step))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
+
+
+def _of_models(opened: Opened, drives: Sequence[Drive]) -> tuple[Opened, list[Drive]]:
+    """What was opened with inputs in A, V or % as torques, and the drives that know by what constants."""
+    from drivetool.identify.torque_constant import for_models
+
+    experiments, known = for_models(opened.experiments, drives)
+    return replace(opened, experiments=experiments), known
 
 
 def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
@@ -105,7 +116,8 @@ def run(job: Job, options: ValidateOptions) -> int:
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
-    models = [(one.sources[0].name, found.drive, one.noise) for one, found in zip(each, apart, strict=True)]
+    opened, drives = _of_models(opened, [found.drive for found in apart])
+    models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     options = replace(options, start=replace(start_of(job.start, models[0][1]), records=apart[0].starts))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]

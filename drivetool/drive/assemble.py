@@ -15,7 +15,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive, shared, shares
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS
+from drivetool.drive.effects import EFFECTS, torque_constant
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
@@ -247,7 +247,7 @@ class Assembly:
         """Let the motor torque follow its command as a lag."""
         state = self.states.index("converter")
         self.lag(state, self.nx, bandwidth, damping, self.lag_order("converter.order"))
-        self.torque(0, state, self.number(1.0))
+        self.torque(0, state, torque_constant.gain(self, 0))
 
     def delay(self, dead_time: Dual) -> None:
         """Let the motor torque act later."""
@@ -258,13 +258,13 @@ class Assembly:
     def _kinematics(self) -> None:
         one = self.number(1.0)
         if "converter" not in self.states:
-            self.torque(0, self.nx, one)
+            self.torque(0, self.nx, torque_constant.gain(self, 0))
         for column, role in enumerate(self.layout.inputs[1:], self.nx + 1):
             if role in self.drive.known_torques:
                 self.torque(self.drive.bodies.index(role.partition(".")[0]), column, -self.parameter(role))
                 continue
-            sign = -1.0 if role == "load_torque" else 1.0
-            self.torque(self.body_of(role), column, sign * one)
+            body = self.body_of(role)
+            self.torque(body, column, -one if role == "load_torque" else torque_constant.gain(self, body))
         for k, (_, _, ratio) in enumerate(self.shafts):
             twist = self.n + k
             self.torque(twist, k, 1.0 / ratio)

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Literal, TypeVar
 
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS, Effect
+from drivetool.drive.effects import EFFECTS, Effect, torque_constant
 from drivetool.errors import BadParameters, nearest
 from drivetool.quantity import Quantity
 
@@ -41,6 +41,9 @@ class Drive:
                  (Tallfors 2005, 5.17); "always": it acts in the gap too (chapter 6)
     known_torques  names like motor.law1 of inputs that brake a body; each is also a parameter, its factor
     records      recording -> sha256, of which some parameters have a value of their own, NAME@RECORD
+    input_unit   of the motors' inputs, A, V or %, where torque constants make torques of them; else empty
+    constants    torque constants, by which the inputs of recordings in that unit were multiplied; in `values` are
+                 those that may be others
     """
 
     name: str
@@ -52,6 +55,8 @@ class Drive:
     damping_law: DampingLaw = "inside"
     known_torques: tuple[str, ...] = ()
     records: Mapping[str, str] = field(default_factory=dict)
+    input_unit: str = ""
+    constants: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def quantities(self) -> Mapping[str, Quantity]:
@@ -78,7 +83,7 @@ class Drive:
 
     def unit(self, name: str) -> str:
         """The unit of a parameter, in words."""
-        return self.quantity(name).unit_for(self.torque_unit, self.motion_unit)
+        return self.quantity(name).unit_for(self.torque_unit, self.motion_unit, self.input_unit or "A")
 
     def value(self, name: str) -> float | None:
         """The value, the neutral value, or None if it is not known."""
@@ -150,7 +155,7 @@ class Drive:
     def missing(self) -> list[str]:
         """Parameters without which the drive cannot be simulated."""
         return [n for n, q in self.quantities.items()
-                if q.neutral is None and n not in self.values]
+                if q.neutral is None and n not in self.values and not is_constant(n)]
 
     def require(self, names: Iterable[str], why: str) -> None:
         """Raise BadParameters unless all the names have a value."""
@@ -189,6 +194,11 @@ def shared(name: str) -> str:
     return name.partition(AT)[0]
 
 
+def is_constant(name: str) -> bool:
+    """Whether a parameter is the torque constant of a body, in all recordings or in one."""
+    return shared(name).rpartition(".")[2] == torque_constant.NAME
+
+
 def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> list[Number]:
     """(n,) each body's own parameter for a sum of one, felt at the motor; see TOTALS.
 
@@ -202,25 +212,25 @@ def shares(suffix: str, masses: Sequence[Number], turns: Sequence[Number]) -> li
     return [mass / whole for mass in masses]
 
 
-def one_body(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+def one_body(torque_unit: str = "Nm", motion_unit: str = "rad", input_unit: str = "") -> Drive:
     """A single rotor or carriage."""
-    return Drive("one-body", ("motor",), (), {}, torque_unit, motion_unit)
+    return Drive("one-body", ("motor",), (), {}, torque_unit, motion_unit, input_unit=input_unit)
 
 
-def two_mass(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+def two_mass(torque_unit: str = "Nm", motion_unit: str = "rad", input_unit: str = "") -> Drive:
     """Motor, shaft, load."""
-    return Drive("two-mass", ("motor", "load"), ("shaft",), {}, torque_unit, motion_unit)
+    return Drive("two-mass", ("motor", "load"), ("shaft",), {}, torque_unit, motion_unit, input_unit=input_unit)
 
 
-def three_mass(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+def three_mass(torque_unit: str = "Nm", motion_unit: str = "rad", input_unit: str = "") -> Drive:
     """Motor, gear, arm; the shafts are called shaft and shaft2."""
     return Drive("three-mass", ("motor", "gear", "arm"), ("shaft", "shaft2"), {},
-                 torque_unit, motion_unit)
+                 torque_unit, motion_unit, input_unit=input_unit)
 
 
-def vehicle(torque_unit: str = "Nm", motion_unit: str = "rad") -> Drive:
+def vehicle(torque_unit: str = "Nm", motion_unit: str = "rad", input_unit: str = "") -> Drive:
     """Motor, drive shaft behind a gear (shaft.ratio), wheels that carry wheels.carried_mass at wheels.radius."""
-    return Drive("vehicle", ("motor", "wheels"), ("shaft",), {}, torque_unit, motion_unit)
+    return Drive("vehicle", ("motor", "wheels"), ("shaft",), {}, torque_unit, motion_unit, input_unit=input_unit)
 
 
 KNOWN_DRIVES = {"one-body": one_body, "two-mass": two_mass, "three-mass": three_mass, "vehicle": vehicle}

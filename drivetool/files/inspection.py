@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -57,6 +57,8 @@ class ExperimentSection(Shape):
     motion_unit: str
     torque_is: str
     roles: list[str]
+    input_units: Annotated[dict[str, str] | UnsetType, Meta(
+        description="roles whose torque is logged in A, V or % beside others in torque_unit")] = UNSET
 
 
 class InspectionFile(Shape):
@@ -79,7 +81,8 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
         section = ExperimentSection(
             step=experiment.step, samples=experiment.size, segments=len(experiment.segments),
             torque_unit=experiment.torque_unit, motion_unit=experiment.motion_unit,
-            torque_is=experiment.torque_is, roles=list(experiment.signals))
+            torque_is=experiment.torque_is, roles=list(experiment.signals),
+            input_units=dict(experiment.input_units) or UNSET)
     recording = found.recording
     return InspectionFile(
         schema=INSPECTION_SCHEMA, origin=recording.origin, channels=[_section(each) for each in found.channels],
@@ -120,9 +123,10 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
         console.print(Text(f"  {name}: not read, {why}", style="yellow"))
     if file.experiment:
         e = file.experiment
+        more = "".join(f"; {role} in {unit}" for role, unit in (e.input_units or {}).items())
         console.print(Text(f"  a step would get {', '.join(e.roles)}: {e.samples} samples of {e.step:.6g} s in "
                            f"{e.segments} segment{'s' if e.segments > 1 else ''}, torque in {e.torque_unit} "
-                           f"({e.torque_is}), motion in {e.motion_unit}"))
+                           f"({e.torque_is}{more}), motion in {e.motion_unit}"))
     else:
         console.print(Text("  no step could use it as it is", style="yellow"))
 

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, shared, two_mass
+from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, is_constant, shared, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
 from drivetool.files.text import from_yaml
 from drivetool.identify.estimate import Covariance
+from drivetool.quantity import ELECTRIC
 
 if TYPE_CHECKING:
     from drivetool.files.inspection import InspectionFile
@@ -68,7 +69,7 @@ class Loaded:
 
     def chain(self) -> Drive:
         """The bodies and shafts alone, in the units of the files; two masses where no file has a drive section."""
-        return self.structure(two_mass(*self._own_units()))
+        return self.structure(two_mass(*self.own_units))
 
     def structure(self, default: Drive) -> Drive:
         """The chain the last drive section describes, in the units of `default`; no values."""
@@ -112,12 +113,14 @@ class Loaded:
             section = source.file.covariance
             if section is None:
                 continue
-            scale = []
-            for name in section.names:
+            # A torque constant by which inputs were multiplied is no value of the drive.
+            index = [i for i, n in enumerate(section.names) if n in drive.values or not is_constant(n)]
+            scale, names = [], tuple(section.names[i] for i in index)
+            for name in names:
                 _, unit = _written(source.file.parameters.get(name, 0.0))
                 scale.append(_factor(drive, name, unit, source.name))
-            matrix = np.array(section.matrix, dtype=float) * np.outer(scale, scale)
-            return Covariance(tuple(section.names), matrix)
+            matrix = np.array(section.matrix, dtype=float)[np.ix_(index, index)] * np.outer(scale, scale)
+            return Covariance(names, matrix) if names else None
         return None
 
     def stds(self, drive: Drive) -> dict[str, float]:
@@ -167,13 +170,24 @@ class Loaded:
         found = [getattr(source.file, key) for source in self.sources]
         return next((section for section in reversed(found) if section), {})
 
-    def _own_units(self) -> tuple[str, str]:
-        """(torque, motion) unit as the files have them; Nm and rad where they are silent."""
-        torque, motion = "Nm", "rad"
+    @property
+    def own_units(self) -> tuple[str, str, str]:
+        """Units of torque, motion and input as the files have them; Nm, rad and none where they are silent."""
+        torque, motion, fed = "Nm", "rad", ""
         for source in self.sources:
             section = source.file.drive or shapes.DriveSection()
             torque, motion = section.torque_unit or torque, section.motion_unit or motion
-        return torque, motion
+            fed = section.input_unit or fed
+        both = [found for unit in self.constants.values() if (found := units.torque_over_input(unit or ""))]
+        if both and not any(source.file.drive and source.file.drive.torque_unit for source in self.sources):
+            torque = both[-1][0]
+        return torque, motion, fed or (both[-1][1] if both else "")
+
+    @property
+    def constants(self) -> dict[str, str | None]:
+        """Torque constants of which the files have a value -> the unit that is written there."""
+        written = {n: _written(entry) for source in self.sources for n, entry in source.file.parameters.items()}
+        return {n: unit for n, (value, unit) in written.items() if value is not None and is_constant(n)}
 
 
 def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) -> Loaded:
@@ -265,7 +279,7 @@ def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
             raise BadParameters("a known drive, or one with its bodies and shafts",
                                 f"only the name '{section.name}' in {name}",
                                 "Add drive.bodies and drive.shafts.", KNOWN_DRIVES)
-        known = KNOWN_DRIVES[section.name](drive.torque_unit, drive.motion_unit)
+        known = KNOWN_DRIVES[section.name](drive.torque_unit, drive.motion_unit, drive.input_unit)
         return replace(known, damping_law=law)
     bodies = tuple(section.bodies)
     shafts = section.shafts
@@ -273,7 +287,7 @@ def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
         shafts = ["shaft", *(f"shaft{i}" for i in range(2, len(bodies)))][: len(bodies) - 1]
     _chain(bodies, tuple(shafts), name)
     return Drive(section.name or "custom", bodies, tuple(shafts), {},
-                 drive.torque_unit, drive.motion_unit, law)
+                 drive.torque_unit, drive.motion_unit, law, input_unit=drive.input_unit)
 
 
 def _with_records(drive: Drive, source: Source) -> Drive:
@@ -315,13 +329,16 @@ def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
 
 
 def _same_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
-    """Parameters in Nm say nothing about a recording in A."""
+    """Parameters in Nm say nothing about a recording in A, but with a torque constant."""
+    do = "Use parameters from a recording of the same kind, or correct the unit in the channel map."
     for word, wanted, found in (("torque", drive.torque_unit, section.torque_unit),
-                                ("motion", drive.motion_unit, section.motion_unit)):
+                                ("motion", drive.motion_unit, section.motion_unit),
+                                ("motor's input", drive.input_unit, section.input_unit or None)):
         if found not in (None, wanted):
-            raise BadParameters(
-                f"parameters for a {word} in {wanted}, the unit of the recording", f"{found} in {name}",
-                "Use parameters from a recording of the same kind, or correct the unit in the channel map.")
+            if word == "torque" and wanted in ELECTRIC and found not in ELECTRIC:
+                do = f"Give {drive.bodies[0]}.torque_constant in {found}/{wanted}, with --set or in the file."
+            raise BadParameters(f"parameters for a {word} in {wanted}, the unit of the recording",
+                                f"{found} in {name}", do)
 
 
 def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:

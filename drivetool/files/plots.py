@@ -76,15 +76,8 @@ def exhibit_of(experiment: Experiment) -> Exhibit:
     """The recording itself, for when there is no fit to show."""
     time = experiment.time
     return Exhibit("recording", f"Recording {experiment.name}", "time [s]", "",
-                   {f"{role.replace('_', ' ')} [{_unit(role, experiment)}]": (time, values)
+                   {f"{role.replace('_', ' ')} [{experiment.unit(role)}]": (time, values)
                     for role, values in experiment.signals.items()})
-
-
-def _unit(role: str, experiment: Experiment) -> str:
-    """SI unit of a role."""
-    if role.endswith("torque"):
-        return experiment.torque_unit
-    return experiment.motion_unit + ("/s" if role.endswith("speed") else "")
 
 
 def decimated(x: np.ndarray, y: np.ndarray, bins: int = 1200) -> tuple[np.ndarray, np.ndarray]:

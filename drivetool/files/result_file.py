@@ -11,7 +11,7 @@ import msgspec
 
 import drivetool
 from drivetool.check.validation import Validation
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
@@ -20,6 +20,7 @@ from drivetool.identify.results import Z95
 
 # Findings by which the structure is not the machine's.
 DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
+TAKEN_OVER = "taken over, not used in this step"
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
@@ -53,7 +54,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
 
     carried  sections of the files that were read which no estimator changes: ratings, controller
     """
-    drive = estimate.drive
+    drive = replace(estimate.drive, values={**estimate.drive.constants, **estimate.drive.values})
     known = [_told_apart(p, drive) for p in estimate.parameters]
     if any(f.code in DOUBTING for f in estimate.findings):
         known = [replace(p, reason=p.reason or shapes.IF_COMPLETE) if p.std is not None else p for p in known]
@@ -61,8 +62,9 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
     for name, value in drive.values.items():
         if name not in parameters:
             # Or the next step would lose what an earlier one found.
+            reason = f"inputs in {drive.input_unit} are multiplied by it" if is_constant(name) else TAKEN_OVER
             parameters[name] = parameter_section(Parameter(
-                name, value, drive.unit(name), status="held", reason="taken over, not used in this step"))
+                name, value, drive.unit(name), status="held", reason=reason))
     order = {name: i for i, name in enumerate(drive.quantities)}
     return shapes.ParameterFile(
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
@@ -90,7 +92,8 @@ def drive_section(drive: Drive) -> shapes.DriveSection:
     """The chain, written out in full so that the file explains itself."""
     return shapes.DriveSection(
         name=drive.name, bodies=list(drive.bodies), shafts=list(drive.shafts),
-        torque_unit=drive.torque_unit, motion_unit=drive.motion_unit, damping_law=drive.damping_law)
+        torque_unit=drive.torque_unit, motion_unit=drive.motion_unit, damping_law=drive.damping_law,
+        input_unit=drive.input_unit or msgspec.UNSET)
 
 
 def parameter_section(parameter: Parameter) -> shapes.ParameterSection:

@@ -37,11 +37,13 @@ class DriveSection(Shape):
     bodies: Annotated[list[str] | None, Meta(description="from the motor outwards")] = None
     shafts: Annotated[list[str] | None, Meta(description="joining neighbours, one fewer than bodies")] = None
     torque_unit: Annotated[
-        Literal["Nm", "N", "A"] | None, Meta(description="unit of the torque channel")] = None
+        Literal["Nm", "N", "A", "V", "%"] | None, Meta(description="unit of the torques")] = None
     motion_unit: Annotated[Literal["rad", "m"] | None, Meta(description="unit of the motion")] = None
     damping_law: Annotated[
         Literal["inside", "always"] | None,
         Meta(description="shaft damping inside the contact only, or always")] = None
+    input_unit: Annotated[Literal["A", "V", "%"] | UnsetType | None, Meta(
+        description="unit of the motors' inputs, of which torque constants make torques")] = UNSET
 
 
 class ParameterSection(Shape):

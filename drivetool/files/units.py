@@ -6,35 +6,40 @@ import math
 import re
 
 from drivetool.errors import BadParameters
+from drivetool.quantity import ELECTRIC
 
-# symbol -> (factor to SI, exponents of kg, m, s, A, rad). The radian counts as a dimension of
-# its own, so that a stiffness in Nm is not taken for one in Nm/rad.
-_FORCE, _TORQUE = (1, 1, -2, 0, 0), (1, 2, -2, 0, 0)
+# symbol -> (factor to SI, exponents of kg, m, s, A, rad, %). The radian counts as a dimension of
+# its own, so that a stiffness in Nm is not taken for one in Nm/rad; so does the per cent, for a torque in
+# Nm is none of 1 Nm/%. Alone it is a hundredth.
+_FORCE, _TORQUE, _VOLTAGE = (1, 1, -2, 0, 0, 0), (1, 2, -2, 0, 0, 0), (1, 2, -3, -1, 0, 0)
+_PLAIN, _PERCENT = (0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 0, 1)
 ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
-    "": (1.0, (0, 0, 0, 0, 0)),
-    "1": (1.0, (0, 0, 0, 0, 0)),
-    "-": (1.0, (0, 0, 0, 0, 0)),
-    "%": (0.01, (0, 0, 0, 0, 0)),
-    "g": (1e-3, (1, 0, 0, 0, 0)),
-    "kg": (1.0, (1, 0, 0, 0, 0)),
-    "t": (1e3, (1, 0, 0, 0, 0)),
-    "um": (1e-6, (0, 1, 0, 0, 0)),
-    "mm": (1e-3, (0, 1, 0, 0, 0)),
-    "cm": (1e-2, (0, 1, 0, 0, 0)),
-    "m": (1.0, (0, 1, 0, 0, 0)),
-    "us": (1e-6, (0, 0, 1, 0, 0)),
-    "ms": (1e-3, (0, 0, 1, 0, 0)),
-    "s": (1.0, (0, 0, 1, 0, 0)),
-    "mA": (1e-3, (0, 0, 0, 1, 0)),
-    "A": (1.0, (0, 0, 0, 1, 0)),
-    "kA": (1e3, (0, 0, 0, 1, 0)),
-    "urad": (1e-6, (0, 0, 0, 0, 1)),
-    "mrad": (1e-3, (0, 0, 0, 0, 1)),
-    "rad": (1.0, (0, 0, 0, 0, 1)),
-    "deg": (math.pi / 180, (0, 0, 0, 0, 1)),
-    "rev": (2 * math.pi, (0, 0, 0, 0, 1)),
-    "Hz": (2 * math.pi, (0, 0, -1, 0, 1)),
-    "rpm": (math.pi / 30, (0, 0, -1, 0, 1)),
+    "": (1.0, (0, 0, 0, 0, 0, 0)),
+    "1": (1.0, (0, 0, 0, 0, 0, 0)),
+    "-": (1.0, (0, 0, 0, 0, 0, 0)),
+    "%": (1.0, (0, 0, 0, 0, 0, 1)),
+    "g": (1e-3, (1, 0, 0, 0, 0, 0)),
+    "kg": (1.0, (1, 0, 0, 0, 0, 0)),
+    "t": (1e3, (1, 0, 0, 0, 0, 0)),
+    "um": (1e-6, (0, 1, 0, 0, 0, 0)),
+    "mm": (1e-3, (0, 1, 0, 0, 0, 0)),
+    "cm": (1e-2, (0, 1, 0, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0, 0, 0)),
+    "us": (1e-6, (0, 0, 1, 0, 0, 0)),
+    "ms": (1e-3, (0, 0, 1, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0, 0)),
+    "mA": (1e-3, (0, 0, 0, 1, 0, 0)),
+    "A": (1.0, (0, 0, 0, 1, 0, 0)),
+    "kA": (1e3, (0, 0, 0, 1, 0, 0)),
+    "mV": (1e-3, _VOLTAGE),
+    "V": (1.0, _VOLTAGE),
+    "urad": (1e-6, (0, 0, 0, 0, 1, 0)),
+    "mrad": (1e-3, (0, 0, 0, 0, 1, 0)),
+    "rad": (1.0, (0, 0, 0, 0, 1, 0)),
+    "deg": (math.pi / 180, (0, 0, 0, 0, 1, 0)),
+    "rev": (2 * math.pi, (0, 0, 0, 0, 1, 0)),
+    "Hz": (2 * math.pi, (0, 0, -1, 0, 1, 0)),
+    "rpm": (math.pi / 30, (0, 0, -1, 0, 1, 0)),
     "mN": (1e-3, _FORCE),
     "N": (1.0, _FORCE),
     "kN": (1e3, _FORCE),
@@ -42,7 +47,7 @@ ATOMS: dict[str, tuple[float, tuple[int, ...]]] = {
     "mNm": (1e-3, _TORQUE),
     "Ncm": (1e-2, _TORQUE),
     "Nm": (1.0, _TORQUE),
-    "Nms": (1.0, (1, 2, -1, 0, 0)),
+    "Nms": (1.0, (1, 2, -1, 0, 0, 0)),
     "kNm": (1e3, _TORQUE),
     "MNm": (1e6, _TORQUE),
 }
@@ -66,11 +71,23 @@ def factor(unit: str, wanted: str, what: str) -> float:
     except ValueError:
         scale, kind, base, target = 1.0, None, 1.0, ()
     if wanted == "kg m^2" and kind:
-        kind = (*kind[:4], 0)  # Nm s^2/rad is the same inertia
+        kind = (*kind[:4], 0, kind[5])  # Nm s^2/rad is the same inertia
+    if (kind, target) == (_PERCENT, _PLAIN):
+        kind, scale = target, 0.01 * scale
     if kind != target:
         raise BadParameters(f"{what} in {wanted or 'no unit (a plain number)'}", f"unit '{unit}'",
                             "Convert the value, or write the unit as in 'kg cm^2' or 'Nm/rad'.")
     return scale / base
+
+
+def torque_over_input(unit: str) -> tuple[str, str] | None:
+    """Units (torque, input) of a torque constant that a person wrote: ('Nm', 'A') of 'mNm/kA'; None: no such."""
+    try:
+        kind = _parse(unit)[1]
+    except ValueError:
+        return None
+    return next(((torque, fed) for torque in ("Nm", "N") for fed in ELECTRIC
+                 if kind == _parse(f"{torque}/{fed}")[1]), None)
 
 
 def _parse(text: str) -> tuple[float, tuple[int, ...]]:
@@ -92,7 +109,7 @@ def _parse(text: str) -> tuple[float, tuple[int, ...]]:
 
 def _product(tokens: list[re.Match]) -> tuple[tuple[float, tuple[int, ...]], list[re.Match]]:
     """Read factors up to the end or a closing bracket; a slash divides by the next factor."""
-    scale, kind, sign = 1.0, (0, 0, 0, 0, 0), 1
+    scale, kind, sign = 1.0, _PLAIN, 1
     while tokens and tokens[0]["op"] != ")":
         token, tokens = tokens[0], tokens[1:]
         if token["op"] in ("/", "*"):

@@ -32,6 +32,7 @@ from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
+from drivetool.identify.torque_constant import only_in_greybox
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
 from drivetool.logs.experiment import Experiment
@@ -57,6 +58,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     """
     if not drive.shafts:
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
+    only_in_greybox(options.free)
     drive.require(drive.missing(), "a backlash fit")
     experiments = [led_in(measured(e), drive, options.free) for e in experiments]
     roles = roles_of(experiments, drive)

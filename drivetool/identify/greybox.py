@@ -41,6 +41,7 @@ from drivetool.identify.shown import told_by, worth_of_shafts
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
 from drivetool.identify.task import has_gap
+from drivetool.identify.torque_constant import check_scale
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 from drivetool.logs.experiment import Experiment
@@ -77,6 +78,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
     free = shared_by_some(chosen(drive, default_free(drive, experiments), options), drive, experiments)
+    check_scale(drive, free, roles, options.hold)
     if options.criterion == "frequency":
         from drivetool.identify.frequency_fit import greybox_by_frequency
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivetool.drive.chain import one_body, two_mass
@@ -12,6 +14,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Outcome, Task
 from drivetool.identify.torque_timing import ROLE, explains, torque_timing
+from drivetool.identify.unused import AT_MOTOR
 from drivetool.logs.experiment import Experiment
 
 LOOKED_AT, WITH_RESONANCE = 20_000, 6_000  # samples of a recording that are only looked at; a second or two each
@@ -23,6 +26,9 @@ RINGS, BELOW = 0.2, 0.7
 
 def looked_at(experiment: Experiment) -> list[Finding]:
     """See torque_timing: of one body, or else of the transfer function of two, fitted to the beginning."""
+    if experiment.input_units:  # other torques have another unit
+        signals = {role: values for role, values in experiment.signals.items() if role in (ROLE, *AT_MOTOR)}
+        experiment = replace(experiment, signals=signals, input_units={}, torque_unit=experiment.unit(ROLE))
     for fitted, samples in ((_one_body, LOOKED_AT), (_two_masses, WITH_RESONANCE)):
         try:
             outcome = fitted(experiment.between(0.0, samples * experiment.step))

@@ -46,6 +46,10 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
     common = set.intersection(*(set(e.signals) for e in experiments))
     for e in experiments:
         e.signed("motor_torque", "the drive's input")
+        if e.input_units:
+            raise BadRecording(f"one unit of torque for all roles of {e.name}", ", ".join(
+                f"{role} in {e.unit(role)}" for role in e.signals if role.endswith("torque")),
+                "Make torques of the inputs first, with as_torques and motor.torque_constant.")
     inputs = tuple(r for r in INPUTS if r in common and (r != "motor2_torque" or "motor2" in drive.bodies))
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:

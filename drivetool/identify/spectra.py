@@ -124,9 +124,9 @@ def spectra(experiments: Sequence[Experiment], options: SpectraOptions) -> Spect
     loop = feedback_of([s[:, :2] for r in runs for s in r.stretches])
     reference = runs[0].stretches[0].shape[1] > 2
     e = experiments[0]
-    rate = f"{e.motion_unit}/s" if not output.endswith("torque") else e.torque_unit
+    unit = f"{e.unit(output.replace('angle', 'speed'))}/{e.unit('motor_torque')}"
     draft = Spectrum(
-        "motor_torque", output, f"{rate}/{e.torque_unit}", found, tuple(each), _spread(found, each), levels,
+        "motor_torque", output, unit, found, tuple(each), _spread(found, each), levels,
         loop, settings, (), (), tuple(x.source for x in experiments))
     draft = replace(draft, peaks=peaks_of(found))
     return replace(draft, findings=findings_of(draft, reference), exhibits=pictures(draft))

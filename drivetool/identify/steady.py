@@ -20,6 +20,7 @@ from drivetool.identify.steady_report import (
     parameter,
     point_list,
 )
+from drivetool.identify.torque_constant import only_in_greybox
 from drivetool.logs.experiment import Experiment
 
 
@@ -43,6 +44,7 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     """
     for name in options.hold:
         drive.quantity(name)
+    only_in_greybox(options.free)
     intervals = [i for experiment in experiments for i in find_intervals(experiment)]
     if not intervals:
         raise NotEnoughData(

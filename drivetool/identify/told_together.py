@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.least_squares import schur
@@ -41,7 +41,8 @@ def only_ratios(outcome: Outcome) -> bool:
     """
     problem, point, drive = outcome.problem, outcome.solution.point, outcome.drive
     torques = np.array([_of_torque(n, drive) for n in problem.names], bool)
-    held = [n for n, v in drive.values.items() if v and n not in problem.names and _of_torque(n, drive)]
+    held = [n for n, v in drive.values.items()
+            if v and n not in problem.names and _of_torque(n, drive) and not is_constant(n)]
     if held or not torques.any():
         return False
     # By free runs: frozen gains turn a torque noise of absolute size into knowledge of the scale.

@@ -57,9 +57,9 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     """
     chosen = choose_channels(tuple(recording.channels), channel_map, recording.name, further)
     signals, findings = to_signals(recording, chosen, channel_map)
-    torque_unit, motion_unit, more = shared_units(signals, recording.name)
+    units = shared_units(signals, recording.name)
     left = cut(signals, leader_of({role: s.time for role, s in signals.items()}), steps, recording.name)
-    findings = [*recording.findings, *findings, *more, *left.findings]
+    findings = [*recording.findings, *findings, *units.findings, *left.findings]
     gridded = onto_grid(left.signals, recording.name)
     findings += [*unmeasured(gridded.clean), *gridded.findings]
     offset = gridded.start - left.start if left.findings else 0.0
@@ -82,7 +82,7 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
         name=recording.name, sha256=recording.sha256, step=gridded.step,
         start=round(recording.origin + gridded.start, 9),
         signals={role: _frozen(values) for role, values in gridded.signals.items()},
-        segments=segments, torque_unit=torque_unit, motion_unit=motion_unit,
+        segments=segments, torque_unit=units.torque, motion_unit=units.motion, input_units=units.inputs,
         torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings),
         offset=round(offset, 9),
         magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())

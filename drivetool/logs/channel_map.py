@@ -17,7 +17,8 @@ On disk it is YAML; `files/` parses it and hands over a plain mapping:
 SI value = sign * (scale * raw + offset), converted from `unit`; `wrap` is undone before that, and a
 message or row without a value, which is no sample, becomes `absent` where that is given.
 Without `unit` the unit noted in the log is taken. A value in % (or in 1, per unit) is a share of
-`rated` and needs it; counts need `per_rev`. `shift` is added to the time stamps [s].
+`rated` and needs it; only the input of a motor may stay in %. Counts need `per_rev`. `shift` is added
+to the time stamps [s].
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
 from drivetool.logs.condition import parse_step
-from drivetool.logs.roles import PATTERN, ROLES, ordered, quantity, role_of
+from drivetool.logs.roles import MOTORS, PATTERN, ROLES, ordered, quantity, role_of
 from drivetool.logs.units import COUNTS, RELATIVE, Unit, parse_unit
 
 SCHEMA = "drivetool/channel-map/1"
@@ -212,8 +213,11 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
 
 
 def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -> None:
-    """Refuse a share of an unknown rated value, and counts of an unknown encoder."""
-    if unit.dimension == RELATIVE and entry.rated is None:
+    """Refuse a share of an unknown rated value, counts of an unknown encoder, and volts of what is no motor."""
+    if unit.si == "V" and role not in MOTORS:
+        raise error(f"{role} in Nm or N", f"'{unit.text}'",
+                    "Write what a volt stands for, for example `scale: 50, unit: Nm`.")
+    if unit.dimension == RELATIVE and entry.rated is None and role not in MOTORS:
         raise error(f"the rated value of {role}, which is given in {unit.text}", "none",
                     "Add to its role, for example `rated: {value: 200, unit: Nm}`.")
     if unit.dimension == COUNTS and entry.per_rev is None:

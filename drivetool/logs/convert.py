@@ -10,9 +10,10 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.roles import ordered, quantity
+from drivetool.logs.roles import MOTORS, ordered, quantity
 from drivetool.logs.samples.wrap import looks_unsigned, looks_wrapped, unwrap
-from drivetool.logs.units import COUNTS, RELATIVE, parse_unit
+from drivetool.logs.units import COUNTS, PERCENT, RELATIVE, parse_unit
+from drivetool.quantity import ELECTRIC
 
 # What no drive reaches, in any unit, and whose square is still a number.
 BEYOND = 1e100
@@ -113,6 +114,8 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
         values = values + entry.offset
     if entry.sign < 0:
         values = -values
+    if unit.dimension == RELATIVE and entry.rated is None:  # the input of a motor, whatever 100 % of it stand for
+        return (values if unit.text == PERCENT else 100.0 * values), PERCENT, findings
     if unit.dimension == RELATIVE:
         rated = parse_unit(entry.rated.unit, quantity(role), where)
         return rated.to_si(unit.to_si(values) * entry.rated.value), rated.si, findings
@@ -121,13 +124,29 @@ def _convert(channel: Channel, entry: RoleEntry, role: str,
     return unit.to_si(values), unit.si, findings
 
 
-def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, list[Finding]]:
-    """(torque unit, motion unit, findings) of the record.
+@dataclass(frozen=True)
+class Units:
+    """Of a record: of its torques and motions, and roles whose torque is in another one; what is odd about them."""
+
+    torque: str
+    motion: str
+    inputs: Mapping[str, str]
+    findings: tuple[Finding, ...]
+
+
+def shared_units(signals: Mapping[str, Signal], log: str) -> Units:
+    """The units of the record.
 
     The chain has one torque unit and one motion unit; only a table behind a ratio may move in
-    another one than the motors.
+    another one than the motors, and the motors may be fed with A, V or % beside other torques in Nm or N.
     """
     torques = {role: s.si for role, s in signals.items() if quantity(role) == "torque"}
+    inputs = {role: si for role, si in torques.items() if role in MOTORS and si in ELECTRIC}
+    others = {role: si for role, si in torques.items() if role not in inputs}
+    if others and not set(others.values()) & set(ELECTRIC) and len(set(inputs.values())) == 1:
+        torques = others
+    else:
+        inputs = {}
     motions = {role: s.si.removesuffix("/s") for role, s in signals.items() if quantity(role) != "torque"}
     turning = {role: si for role, si in motions.items() if not role.startswith("table_")}
     for what, units in (("torque", torques), ("motion", turning)):
@@ -147,7 +166,7 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> tuple[str, str, lis
             "warning", "unusual-units", f"The torque is in {torque} but the motion in {motion}; inertias "
             f"come out in {torque} s^2/{motion}.", {"torque_unit": torque, "motion_unit": motion},
             "Check the units of the two channels."))
-    return torque, motion, findings
+    return Units(torque, motion, inputs, tuple(findings))
 
 
 def in_si(recording: Recording, channel_map: ChannelMap | None) -> Recording:

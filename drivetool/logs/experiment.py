@@ -86,7 +86,8 @@ class Experiment:
                  the interval that follows their sample (zero order hold) and never NaN
                  inside a segment
     segments     (first, last+1) index pairs without a gap in time
-    torque_unit  Nm, N or A; motion_unit rad or m
+    torque_unit  Nm or N, or A, V or % where all torques are; motion_unit rad or m
+    input_units  roles whose torque is logged as A, V or % beside others in Nm or N -> that unit
     torque_is    whether the logged torque is the command or a measurement of it
     magnitudes   roles whose sign is not in the log
     offset       time of the first sample after the start of the recording it is a part of [s]
@@ -104,6 +105,7 @@ class Experiment:
     findings: tuple[Finding, ...] = field(default=())
     offset: float = 0.0
     magnitudes: tuple[str, ...] = ()
+    input_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def source(self) -> Source:
@@ -118,7 +120,8 @@ class Experiment:
     @property
     def contents(self) -> tuple[str, str]:
         """Checksums of the file, and of what is in it: that stays in another format, such as `convert` writes."""
-        told = sha256(repr((self.step, self.segments, self.torque_unit, self.motion_unit)).encode())
+        units = self.torque_unit, self.motion_unit, *sorted(self.input_units.items())
+        told = sha256(repr((self.step, self.segments, *units)).encode())
         for role in sorted(self.signals):
             told.update(role.encode())
             told.update(np.ascontiguousarray(self.signals[role] + 0.0))  # no negative zeros
@@ -149,6 +152,12 @@ class Experiment:
                 f"{role} with its sign for {why}", f"its magnitude alone in {self.name} (unsigned: true)",
                 "While the drive brakes, the sign is not in the log: use steady, or log it with its sign.")
         return self.signal(role, why)
+
+    def unit(self, role: str) -> str:
+        """The unit of a role."""
+        if role.endswith("torque"):
+            return self.input_units.get(role, self.torque_unit)
+        return self.motion_unit + ("/s" if role.endswith("speed") else "")
 
     def between(self, first: float, last: float) -> Experiment:
         """The part from `first` to `last` seconds, as an experiment of its own."""

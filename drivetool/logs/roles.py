@@ -16,7 +16,8 @@ Kind = Literal["input", "sensor", "reference"]
 class Role:
     """What is measured or commanded there.
 
-    quantity  "torque" is Nm, N or A; "speed" rad/s or m/s; "angle" rad or m. Positive is forward
+    quantity  "torque" is Nm or N, of MOTORS also A, V or %; "speed" rad/s or m/s; "angle" rad or m.
+              Positive is forward
     kind      an input drives the model and stays until its next value; a sensor is compared with the model; a
               reference is what the loop is asked for
     meaning   in words
@@ -49,6 +50,8 @@ ROLES: Mapping[str, Role] = MappingProxyType({
     "reference_angle": Role("angle", "reference", "angle that the loop is asked for"),
 })
 INPUTS = tuple(name for name, role in ROLES.items() if role.kind == "input")
+# Torques that may be logged as what a motor is fed with: a current, a voltage, or a share in %. Value: its body.
+MOTORS = MappingProxyType({"motor_torque": "motor", "motor2_torque": "motor2", "reference_torque": "motor"})
 
 # Any further body or shaft of a drive, by its name there.
 FURTHER: Mapping[str, Role] = MappingProxyType({

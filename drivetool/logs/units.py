@@ -11,9 +11,11 @@ from drivetool.errors import BadRecording, DriveToolError
 
 RELATIVE = "relative"
 COUNTS = "counts"
+PERCENT = "%"
 
 # unit -> (dimension, SI unit, factor, other spellings). A torque may be logged as a torque, a force
-# or a current and an angle as a length: the chain of inertias is the same.
+# or a current and an angle as a length: the chain of inertias is the same. The input of a motor may
+# also be a voltage or a share in %.
 TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "Nm": ("torque", "Nm", 1.0, ("N-m", "newtonmetre", "newtonmeter")),
     "mNm": ("torque", "Nm", 1e-3, ("mN-m",)),
@@ -22,6 +24,9 @@ TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "kN": ("torque", "N", 1e3, ()),
     "A": ("torque", "A", 1.0, ("amp", "amps", "ampere")),
     "mA": ("torque", "A", 1e-3, ()),
+    "kA": ("torque", "A", 1e3, ()),
+    "V": ("torque", "V", 1.0, ("volt", "volts")),
+    "mV": ("torque", "V", 1e-3, ()),
     "rad": ("angle", "rad", 1.0, ("radian", "radians")),
     "mrad": ("angle", "rad", 1e-3, ()),
     "deg": ("angle", "rad", math.pi / 180, ("°", "degree", "degrees")),

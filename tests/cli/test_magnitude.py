@@ -42,6 +42,21 @@ def test_steady_gives_it_the_sign_of_the_motion(call):
 
 
 @pytest.mark.usefixtures("here")
+def test_a_current_without_its_sign_becomes_a_torque(call):
+    content = yaml.safe_load(Path("map.yaml").read_text())
+    content["roles"]["motor_torque"]["unit"] = "A"
+    Path("map.yaml").write_text(yaml.safe_dump(content))
+    found = {}
+    for words, unit in ((), "A s/rad"), (("--set", "motor.torque_constant=2"), "Nm s/rad"):
+        code, out, err = call("steady", "a.parquet", "--map", "map.yaml", "--drive", "one-body", *words)
+        assert code == 0, err
+        row = yaml.safe_load(out)["parameters"]["motor.viscous"]
+        assert row["unit"] == unit
+        found[unit] = row["value"]
+    assert found["Nm s/rad"] == pytest.approx(2.0 * found["A s/rad"], rel=1e-8)
+
+
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("step", ["greybox", "blackbox", "backlash", "spectra", "simulate", "compare"])
 def test_what_accelerates_refuses_it_in_one_sentence(call, step):
     words = [] if step == "spectra" else ["--drive", "two-mass", *(word for name in (

@@ -144,6 +144,10 @@ def test_own_bodies_and_default_structure(tmp_path):
     ("mrad", "rad", 1e-3), ("°", "rad", math.pi / 180), ("mm", "m", 1e-3), ("µm", "m", 1e-6),
     ("ms", "s", 1e-3), ("Hz", "rad/s", 2 * math.pi), ("mA", "A", 1e-3), ("N/mm", "N/m", 1e3),
     ("A s^2/rad", "A s^2/rad", 1), ("mA s^2/rad", "A s^2/rad", 1e-3), ("-", "", 1), ("%", "", 0.01),
+    ("mNm/A", "Nm/A", 1e-3), ("Nm/kA", "Nm/A", 1e-3), ("kN/mV", "N/V", 1e6), ("Nm/%", "Nm/%", 1.0),
+    ("mNm/%", "Nm/%", 1e-3), ("Nm", "Nm/%", None), ("Nm/%", "Nm", None), ("Nm/V", "Nm/A", None),
+    ("N/A", "Nm/A", None), ("% s/deg", "% s/rad", 180 / math.pi), ("", "%", None), ("kg m^2 %", "kg m^2", None),
+    ("%", "Nm", None), ("V s", "Nm/A", 1.0),
     ("", "Nm", None), ("Nm/", "Nm", None), ("(Nm", "Nm", None), ("Nm)", "Nm", None), ("€", "Nm", None),
 ])
 def test_units(written, wanted, expected):
@@ -152,6 +156,29 @@ def test_units(written, wanted, expected):
             units.factor(written, wanted, "x")
     else:
         assert units.factor(written, wanted, "x") == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("written, found", [
+    ("mNm/kA", ("Nm", "A")), ("kN/A", ("N", "A")), ("Nm/mV", ("Nm", "V")), ("N m/%", ("Nm", "%")), ("Nm", None),
+    ("", None), ("Nm/rad", None), ("Nm//", None)])
+def test_a_torque_constant_says_both_units(written, found):
+    assert units.torque_over_input(written) == found
+
+
+def test_units_of_files_are_those_of_the_section_and_of_torque_constants(tmp_path):
+    path = tmp_path / "x.yaml"
+    for text, expected in (
+            ("parameters: {motor.torque_constant: {value: 2, unit: N/mV}}", ("N", "rad", "V")),
+            ("parameters: {motor.torque_constant: 2}", ("Nm", "rad", "")),
+            ("drive: {torque_unit: N, input_unit: '%'}\nparameters: {motor.torque_constant: 2}", ("N", "rad", "%")),
+            ("parameters: {motor.torque_constant: {value: null, unit: N/V}}", ("Nm", "rad", ""))):
+        path.write_text(HEAD + text)
+        assert load_parameters([path]).own_units == expected
+    path.write_text(HEAD + "parameters: {motor.torque_constant: {value: 2, unit: kN/V}}")
+    assert load_parameters([path]).drive().values == {"motor.torque_constant": 2000.0}
+    path.write_text(HEAD + "drive: {input_unit: A}\nparameters: {motor.torque_constant: 2}")
+    with pytest.raises(BadParameters, match=r"motor's input in V, the unit of the recording; found A in x"):
+        load_parameters([path]).drive(two_mass("Nm", "rad", "V"))
 
 
 @given(st.floats(allow_nan=False, allow_infinity=False))

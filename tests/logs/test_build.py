@@ -199,7 +199,7 @@ def back_in_time():
 
 
 def percent():
-    return recording(units={"motor_torque": "%"}, motor_torque=wave())
+    return recording(units={"shaft_torque": "%"}, motor_torque=wave(), shaft_torque=wave())
 
 
 BAD = {
@@ -208,15 +208,18 @@ BAD = {
     "mixed motion": (lambda: recording(units={"load_angle": "m"}, motor_torque=wave(), motor_speed=wave(),
                                        load_angle=wave()), BadRecording,
                      ["one unit of motion", "motor_speed in rad", "load_angle in m"]),
-    "mixed torque": (lambda: recording(units={"motor_torque": "A"}, motor_torque=wave(), shaft_torque=wave()),
-                     BadRecording, ["one unit of torque", "motor_torque in A", "shaft_torque in Nm"]),
+    "mixed torque": (lambda: recording(units={"shaft_torque": "A"}, motor_torque=wave(), shaft_torque=wave()),
+                     BadRecording, ["one unit of torque", "motor_torque in Nm", "shaft_torque in A"]),
     "all missing": (lambda: recording(motor_torque=wave(), motor_speed=np.full(N, np.nan)), BadRecording,
                     ["values of motor_speed", "none"]),
     "no overlap": (lambda: recording({"motor_speed": 1e6 + np.arange(N) * STEP}, motor_torque=wave(),
                                      motor_speed=wave()), BadRecording, ["motor_torque", "do not overlap"]),
     "unit": (lambda: recording(units={"motor_speed": None}, motor_torque=wave(), motor_speed=wave()),
              BadRecording, ["unit of speed for motor_speed", "rpm"]),
-    "percent": (percent, BadRecording, ["rated value of motor_torque"]),
+    "percent": (percent, BadRecording, ["rated value of shaft_torque"]),
+    "two inputs": (lambda: recording(units={"motor_torque": "A", "motor2_torque": "V"}, motor_torque=wave(),
+                                     motor2_torque=wave(), shaft_torque=wave()),
+                   BadRecording, ["one unit of torque", "motor_torque in A", "motor2_torque in V"]),
     "vast": (lambda: one_clock(np.concatenate([np.arange(150) * STEP, 1e7 + np.arange(150) * STEP])),
              BadRecording, ["one stretch of time", "Cut the record"]),
     "constant": (lambda: recording(motor_torque=np.ones(N), motor_speed=np.zeros(N)), NotEnoughData,

@@ -258,13 +258,31 @@ def test_unit_missing_in_the_log(tmp_path):
         open_experiment(path, channel_map({"motor_torque": "x"}))
 
 
+@pytest.mark.parametrize("unit, factor, si", [
+    ("A", 1.0, "A"), ("kA", 1e3, "A"), ("V", 1.0, "V"), ("mV", 1e-3, "V"), ("%", 1.0, "%"), ("pu", 100.0, "%")])
+def test_the_input_of_a_motor_stays_in_its_own_unit(tmp_path, unit, factor, si):
+    """Alone it is the unit of all torques; beside another torque in Nm its role says so."""
+    n = np.arange(100.0)
+    path = write_parquet(tmp_path / "a.parquet", {"m": n, "s": n, "w": n})
+    roles = {"motor_torque": {"channel": "m", "unit": unit, "scale": 2.0, "sign": -1},
+             "motor_speed": {"channel": "w", "unit": "rad/s"}}
+    alone = open_experiment(path, channel_map(roles))
+    beside = open_experiment(path, channel_map(roles | {"shaft_torque": {"channel": "s", "unit": "mNm"}}))
+    for e in (alone, beside):
+        np.testing.assert_allclose(e.signals["motor_torque"], -2.0 * factor * n, rtol=1e-14)
+        assert e.unit("motor_torque") == si
+    assert (alone.torque_unit, alone.input_units) == (si, {})
+    assert (beside.torque_unit, beside.input_units) == ("Nm", {"motor_torque": si})
+    assert beside.unit("shaft_torque") == "Nm"
+
+
 def test_percent_without_rated_is_refused_by_map_and_log(tmp_path):
     with pytest.raises(BadOption, match="rated value"):
-        channel_map({"motor_torque": {"channel": "x", "unit": "%"}})
+        channel_map({"motor_speed": {"channel": "x", "unit": "%"}})
     table = pa.table([pa.array(0.01 * np.arange(100.0)), pa.array(np.arange(100.0))], schema=pa.schema(
-        [pa.field("t", pa.float64()), pa.field("motor_torque", pa.float64(), metadata={"unit": "%"})]))
+        [pa.field("t", pa.float64()), pa.field("motor_speed", pa.float64(), metadata={"unit": "%"})]))
     pq.write_table(table, tmp_path / "a.parquet")
-    with pytest.raises(BadRecording, match="rated value of motor_torque"):
+    with pytest.raises(BadRecording, match="rated value of motor_speed"):
         open_experiment(tmp_path / "a.parquet")
 
 

@@ -24,6 +24,7 @@ from drivetool.drive.effects import (
     shaft,
     speed_filter,
     stribeck,
+    torque_constant,
     viscous,
     warm_up,
 )
@@ -38,6 +39,7 @@ EFFECTS: tuple[Effect, ...] = (
     idle_torque.EFFECT,
     shaft.EFFECT,
     backlash.EFFECT,
+    torque_constant.EFFECT,
     converter.EFFECT,
     dead_time.EFFECT,
     interpolation.EFFECT,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Law, Layout
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import Drive, is_constant
 from drivetool.drive.effects import LAW_TORQUES
 from drivetool.drive.system import PARAMETERS
 from drivetool.errors import BadOption
@@ -52,6 +52,7 @@ def first_body(drive: Drive) -> Drive:
 def logged_as_it_acts(drive: Drive, free: Sequence[str]) -> None:
     """Raise BadOption where a path lies between the log and the body."""
     acting = [n for n in PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
+    acting += [n for n in drive.values if is_constant(n)]  # another one than the torque was made with
     if acting:
         raise BadOption("torque and motion logged as they act, for --criterion inverse", ", ".join(acting),
                         "Leave --criterion out: a simulation knows such a path.")

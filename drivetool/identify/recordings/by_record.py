@@ -23,7 +23,9 @@ def as_recorded(drive: Drive, free: Sequence[str], number: int) -> tuple[Drive, 
     own = {shared(n): n for n in (*drive.values, *free) if n.partition(AT)[2] == label}
     values = {**drive.values, **{name: drive.values[n] for name, n in own.items() if n in drive.values}}
     names = {n: name for name, n in own.items()} | {name: f"{name}{AT}" for name in own}
-    return replace(drive, values=values), tuple(names.get(n, n) for n in free)
+    constants = {shared(n): v for n, v in drive.constants.items() if n.partition(AT)[2] == label}
+    drive = replace(drive, values=values, constants={**drive.constants, **constants})
+    return drive, tuple(names.get(n, n) for n in free)
 
 
 def differs(drive: Drive) -> bool:

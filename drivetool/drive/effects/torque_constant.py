@@ -1,0 +1,33 @@
+"""Torque constant: what a motor's torque is over its logged input, a current in A, a voltage in V or a share in %.
+
+Where recordings have been read, inputs are multiplied by its value, so that all that follows sees torques. It acts
+here only while it is another one than that: while it is fitted.
+"""
+
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+NAME = "torque_constant"
+
+
+def stamp(_assembly, _body):
+    """Nothing: the assembly multiplies the input of a motor by its `gain`."""
+
+
+def gain(assembly, body):
+    """The torque of a motor over what its input was multiplied by; one while the constant is as it was then."""
+    name = f"{assembly.drive.bodies[body]}.{NAME}"
+    if name not in assembly.drive.values or name not in assembly.drive.constants:
+        return assembly.number(1.0)
+    return assembly.parameter(name) / assembly.drive.constants[name]
+
+
+EFFECT = Effect(
+    code="torque-constant",
+    of="body",
+    quantities={NAME: Quantity("{T}/{u}", "torque of the motor over its input", (1e-12, 1e12), 1.0)},
+    stamp=stamp,
+    law="T = k u",
+    needs="a torque of known size: a torque sensor, a known load torque, or an inertia that is held or added",
+    source="Leonhard 2001, Control of Electrical Drives",
+)
