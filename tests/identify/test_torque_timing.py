@@ -240,3 +240,12 @@ def test_what_has_no_torque_or_motion_is_not_asked():
     assert looked_at(still) == []
     with_load = replace(still, signals={"motor_torque": np.ones(N), "load_speed": np.sin(np.arange(N) / 9)})
     assert looked_at(with_load) == [] and two_mass().bodies
+
+
+def test_a_current_beside_a_torque_is_looked_at_as_it_is():
+    """Its unit has no part in when it acts, and the torque of the shaft none in the look."""
+    torque, speed = axis(3)
+    made = record(torque, speed, "late")
+    mixed = replace(made, signals={**made.signals, "motor_torque": made.signals["motor_torque"] / 0.35,
+                                   "shaft_torque": torque}, input_units={"motor_torque": "A"})
+    assert set(told(looked_at(mixed))) == {"torque-late"}
