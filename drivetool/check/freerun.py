@@ -63,7 +63,8 @@ def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> lis
     rng, fits = np.random.default_rng(seed), []
     clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
     for _ in range(DRAWS):
-        traces = tuple(with_torque_noise(t, run.noise, run.sigma, rng) for t in run.problem.traces)
+        traces = tuple(with_torque_noise(
+            t, run.noise.over(run.problem.steps(t)), run.sigma, rng) for t in run.problem.traces)
         other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
         fits.append(fit_percent(other + rng.normal(0.0, run.sigma, len(other)), clean))
     low, middle, fit = float(np.min(fits)), float(np.median(fits)), check.simulation_fit_percent

@@ -35,7 +35,7 @@ def error_by_noise(models: Sequence[Model], folds: Sequence[Fold], seed: int = 0
         problem, point, _ = free_run(model.fitted, traces, model.noise, further)
         std, plants = sensor_std(model), problem.plants(point.values, False)
         for _ in range(DRAWS):
-            made = [_made(plant, t, start, model.noise, std, rng)
+            made = [_made(plant, t, start, model.noise.over(problem.steps(t)), std, rng)
                     for plant, t, start in zip(plants, traces, point.starts, strict=True)]
             _, _, runs = free_run(model.fitted, made, model.noise, further)
             errors += [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, made, strict=True)]

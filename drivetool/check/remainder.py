@@ -107,7 +107,7 @@ def _logged_again(model: Model, steps: np.ndarray) -> Problem:
     traces = []
     for trace, start, plant in zip(problem.traces, model.point.starts, problem.plants(model.point.values, False),
                                    strict=True):
-        clean = plant.outputs(with_torque_noise(trace, noise, first, rng), start)
+        clean = plant.outputs(with_torque_noise(trace, noise.over(problem.steps(trace)), first, rng), start)
         clean += sensors * rng.standard_normal(clean.shape)
         rounded = np.where(steps > 0.0, np.round(clean / np.where(steps > 0.0, steps, 1.0)) * steps, clean)
         outputs = np.where(np.isfinite(trace.outputs), rounded, np.nan)

@@ -232,7 +232,7 @@ def _noise_of(roles: Roles, noise: Mapping[str, float], problem: Problem) -> Noi
     sensor, torque = noise.get(f"sensor_std.{roles.outputs[0]}", 0.0), noise.get("torque_std")
     if torque is None or sensor <= 0.0:
         return None
-    time, h = noise.get("torque_correlation_time", 0.0), problem.traces[0].step
+    time, h = noise.get("torque_correlation_time", 0.0), problem.step
     stds = [noise.get(f"sensor_std.{role}", 0.0) for role in roles.outputs]
     scale = [std / sensor if std > 0.0 else guess for std, guess in zip(stds, problem.scale, strict=True)]
     return Noise(torque / sensor, float(np.exp(-h / time)) if time > 0.0 else None, np.array(scale),

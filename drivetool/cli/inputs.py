@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
     from drivetool.errors import Finding
     from drivetool.files.parameter_file import Loaded
+    from drivetool.identify.options import Options
     from drivetool.identify.start import Start
     from drivetool.logs.experiment import Experiment
 
@@ -176,16 +177,19 @@ def noted(job: Job, options: Mapping[str, Any], record: Sequence[tuple[str, str]
 
 
 def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], drive: Drive | None,
-             step: str) -> tuple[Finding, ...]:
+             step: str, options: Options | None = None) -> tuple[Finding, ...]:
     """What was found in the recordings, what of them was not used, then what the step found; each once.
 
     used   the roles that the step takes
     drive  of which it makes a model; None: none
+    options  of an estimator
     """
+    from drivetool.identify.rates import rates_left_out
     from drivetool.identify.unused import unused_roles
 
     first = [finding for each in opened.experiments for finding in each.findings]
     first += unused_roles(opened.experiments, used, drive, step)
+    first += rates_left_out(step, opened.experiments, options)
     return tuple([finding for finding in first if finding not in more] + list(more))
 
 

@@ -98,5 +98,5 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
             if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
     estimate = replace(estimate, options=noted(job, used, apart.words),
                        findings=findings(opened, estimate.findings, used_by(
-                           job.step, opened.experiments, drive, options.criterion), drive, job.step))
+                           job.step, opened.experiments, drive, options.criterion), drive, job.step, options))
     return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

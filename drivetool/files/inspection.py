@@ -47,6 +47,14 @@ class ChannelSection(Shape):
     clock: Annotated[str, Meta(description="what is wrong with its time stamps")]
 
 
+class PartSection(Shape):
+    """What a step would get at one of several rates."""
+
+    step: Annotated[float, Meta(description="s")]
+    samples: int
+    segments: int
+
+
 class ExperimentSection(Shape):
     """What a step would get."""
 
@@ -57,6 +65,7 @@ class ExperimentSection(Shape):
     motion_unit: str
     torque_is: str
     roles: list[str]
+    others: Annotated[list[PartSection], Meta(description="what is at other rates, on grids of their own")]
     input_units: Annotated[dict[str, str] | UnsetType, Meta(
         description="roles whose torque is logged in A, V or % beside others in torque_unit")] = UNSET
 
@@ -78,10 +87,13 @@ def inspection_file(found: Inspection, findings: list[FindingSection]) -> Inspec
     experiment = found.experiment
     section = None
     if experiment is not None:
+        # The grid of a rate goes on over the others.
+        samples = experiment.used if experiment.others else experiment.size
         section = ExperimentSection(
-            step=experiment.step, samples=experiment.size, segments=len(experiment.segments),
+            step=experiment.step, samples=samples, segments=len(experiment.segments),
             torque_unit=experiment.torque_unit, motion_unit=experiment.motion_unit,
             torque_is=experiment.torque_is, roles=list(experiment.signals),
+            others=[PartSection(step=o.step, samples=o.used, segments=len(o.segments)) for o in experiment.others],
             input_units=dict(experiment.input_units) or UNSET)
     recording = found.recording
     return InspectionFile(
@@ -124,8 +136,10 @@ def print_inspection(file: InspectionFile, console: Console) -> None:
     if file.experiment:
         e = file.experiment
         more = "".join(f"; {role} in {unit}" for role, unit in (e.input_units or {}).items())
-        console.print(Text(f"  a step would get {', '.join(e.roles)}: {e.samples} samples of {e.step:.6g} s in "
-                           f"{e.segments} segment{'s' if e.segments > 1 else ''}, torque in {e.torque_unit} "
+        parts: list[ExperimentSection | PartSection] = [e, *e.others]
+        counts = " and ".join(f"{p.samples} samples of {p.step:.6g} s in {p.segments} "
+                              f"segment{'s' if p.segments > 1 else ''}" for p in parts)
+        console.print(Text(f"  a step would get {', '.join(e.roles)}: {counts}, torque in {e.torque_unit} "
                            f"({e.torque_is}{more}), motion in {e.motion_unit}"))
     else:
         console.print(Text("  no step could use it as it is", style="yellow"))

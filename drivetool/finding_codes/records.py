@@ -95,6 +95,21 @@ CODES = {
         WARNING,
         "Single samples are not in the order of their time stamps. They are sorted.",
         "Check the recorder."),
+    "part-left-out": Code(
+        WARNING,
+        "The logger changed its rate, and what it logged at one of the rates cannot be used, for the stated "
+        "reason. The rest of the recording is used.",
+        "Nothing, unless that part matters; then follow the advice in the text."),
+    "rate-changes": Code(
+        NOTE,
+        "The logger changed its rate: the interval between samples is longer or shorter by a factor from some time "
+        "on. What is at each rate has a grid of its own; steady, blackbox, greybox and backlash fit all of it.",
+        "Nothing; start states are free where the rate changes."),
+    "rate-not-used": Code(
+        WARNING,
+        "The logger changed its rate, and this step works at one rate. It uses the one with most excitation, by "
+        "the sum of the squares of the motor torque about its mean, and leaves out the rest.",
+        "Record at one rate; steady, blackbox, greybox and backlash fit every rate."),
     "receive-times": Code(
         WARNING,
         "The messages of an MCAP topic were received in batches, which says nothing of when they were sampled. A "

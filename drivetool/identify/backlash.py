@@ -26,6 +26,7 @@ from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likel
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
+from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
@@ -60,7 +61,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         raise BadOption("a drive with a shaft", f"the {drive.name} drive", "Use --drive two-mass.")
     only_in_greybox(options.free)
     drive.require(drive.missing(), "a backlash fit")
-    experiments = [led_in(measured(e), drive, options.free) for e in experiments]
+    experiments = [led_in(measured(e), drive, options.free) for e in at_rates("backlash", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
         from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse

@@ -24,6 +24,7 @@ from drivetool.identify.innovations import fit_innovations, settle
 from drivetool.identify.least_squares import solve
 from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
+from drivetool.identify.rates import at_rates
 from drivetool.identify.setup import Roles, roles_of, traces_of
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
@@ -69,6 +70,7 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
 def transfer_function(experiments: Sequence[Experiment], drive: Drive, options: Options) -> tuple[Form, Outcome]:
     """The transfer function of a drive of one or two bodies, and its fit in white noise; see blackbox."""
     _possible(drive, options)
+    experiments = at_rates("blackbox", experiments, options)
     task = Task(drive, (), _roles(experiments, drive), tuple(measured(e) for e in experiments))
     form = _form(task, options)
     _enough(task, form)
@@ -205,4 +207,5 @@ def problem_of(task: Task, form: Form, values: np.ndarray, segment: float = 0.0)
     highs = {"a1": (np.pi / min(t.step for t in traces)) ** 2}
     low, high, size = (np.array([known.get(n, other) for n in form.names])
                        for known, other in ((lows, -np.inf), (highs, np.inf), (sizes, 0.0)))
-    return Problem(form.build, form.names, low, high, size, traces, np.arange(form.states), np.ones(1))
+    return Problem(form.build, form.names, low, high, size, traces, np.arange(form.states), np.ones(1),
+                   step=min(t.step for t in traces))

@@ -25,6 +25,7 @@ from drivetool.identify.problem import Point, Problem
 from drivetool.identify.results import Z95, covariance_of, held_uncertainty
 from drivetool.identify.setup import reverses, traces_of
 from drivetool.identify.transfer import VISCOUS, Form, impossible, to_physical
+from drivetool.logs.experiment import sources
 
 ONE_SIDED = 1.645
 IMPLAUSIBLE = 3.0  # idle torque over the largest torque of the record
@@ -103,7 +104,7 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
         "blackbox", after, lines, how_it_ended(outcome), figures, _covariance(physical, lines, numbers, sure),
         noise, {**figured, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
                 "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more), tuple(e.source for e in task.experiments), {},
+        (*own, *more), sources(task.experiments), {},
         (*record_exhibits(outcome, traces, runs), bode(form, outcome, drive)))
 
 

@@ -24,6 +24,7 @@ from drivetool.identify.search import CONFIRMED, agrees
 from drivetool.identify.setup import EVERY, problem_of
 from drivetool.identify.start import contradicted_start
 from drivetool.identify.told_together import on_the_last, only_ratios, told_together, without_sizes
+from drivetool.logs.experiment import sources
 
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
@@ -66,7 +67,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
          **_known_start(task)},
         (*findings, *more, *noise_findings),
-        tuple(e.source for e in task.experiments), {},
+        sources(task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
 
@@ -299,7 +300,7 @@ def noise_figures(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
     model = outcome.fit.noise
     noise["torque_std"] = model.ratio * sigma
     if model.memory is not None:
-        noise["torque_correlation_time"] = -problem.traces[0].step / float(np.log(model.memory))
+        noise["torque_correlation_time"] = -problem.step / float(np.log(model.memory))
     if model.slow is not None:
         noise["torque_slow_share"] = model.slow
     if any(e.torque_is == "measurement" for e in task.experiments):

@@ -35,6 +35,7 @@ from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.held import contradicted_holds
 from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
+from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.setup import led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
@@ -65,7 +66,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
     drive.require(drive.missing(), "the start of a grey-box fit")
-    experiments = [led_in(measured(e), drive, options.free) for e in experiments]
+    experiments = [led_in(measured(e), drive, options.free) for e in at_rates("greybox", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
         from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse

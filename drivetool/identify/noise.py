@@ -26,7 +26,7 @@ class Noise:
     """Torque noise relative to sensor noise.
 
     ratio   std of the torque noise per sample over the std of the first sensor
-    memory  its correlation from sample to sample; None: white
+    memory  its correlation from sample to sample, of a problem over its `step`; None: white
     scale   (ny,) std of the sensors relative to the first
     others  std of a torque noise on each further body, over that of the first sensor: no belief,
             but what keeps the filter listening on the way from a rough start
@@ -61,6 +61,10 @@ class Noise:
             slow=None if self.slow is None else float(np.exp(figures[2])),
             scale=np.concatenate((self.scale[:1], further)) if len(further) else self.scale)
 
+    def over(self, steps: float) -> Noise:
+        """The noise at a sampling interval that is so many times as long: it remembers for as long a time."""
+        return self if self.memory is None or steps == 1.0 else replace(self, memory=self.memory**steps)
+
     def bounds(self, middle: float) -> tuple[np.ndarray, np.ndarray]:
         """Of `figures`, the ratio's about the logarithm of the natural one.
 
@@ -74,9 +78,10 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
     """One Kalman pass per trace at a point. The start states are parameters, hence known here."""
     passes = []
     problem = problem.with_memory(noise.memory)
+    one = noise
     for t, start, plant in zip(problem.traces, point.starts, problem.plants(point.values, False),
                                strict=True):
-        nx = plant.nx
+        nx, noise = plant.nx, one.over(problem.steps(t))
         extra, kick, covariance, white = np.zeros(nx), np.zeros(nx), np.zeros((nx, nx)), noise.ratio**2
         further = slice(1, problem.bodies)
         extra[further] = (noise.others * t.step / plant.system.mass[further, 0]) ** 2

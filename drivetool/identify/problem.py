@@ -49,7 +49,8 @@ class Problem:
     traces     stretches of record
     free_start index of the states whose start value is estimated
     scale      (ny,) sensor standard deviations relative to the first output, which is sensor_std
-    memory     correlation of the torque disturbance state from sample to sample, or None
+    memory     correlation of the torque disturbance state over a `step`, or None
+    step       sampling interval that the memory is of [s]; 0: of every trace its own
     later      (k,) parameters to leave alone in the first round of a fit
     bodies     number of bodies, whose speeds are the first states
     by_record  whether the plant differs between recordings
@@ -75,6 +76,7 @@ class Problem:
     lag: int = 0
     states: tuple[str, ...] = ()
     sensor_std: float = 1.0
+    step: float = 0.0
 
     @property
     def count(self) -> int:
@@ -96,12 +98,17 @@ class Problem:
         """A plant per trace; traces with one step share theirs, and one record where records differ."""
         keys = [(t.step, t.record if self.by_record else 0) for t in self.traces]
         some = dict(zip(keys, self.traces, strict=True))
-        mark, name = (values.tobytes(), self.memory, tuple(some)), "full" if gradient else "plain"
+        mark, name = (values.tobytes(), self.memory, self.step, tuple(some)), "full" if gradient else "plain"
         build, known, made = getattr(_last, name, (None, None, {}))
         if build is not self.build or known != mark:
-            made = {key: self.build(values, t, gradient, self.memory) for key, t in some.items()}
+            made = {key: self.build(values, t, gradient, self.memory and self.memory ** self.steps(t))
+                    for key, t in some.items()}
             setattr(_last, name, (self.build, mark, made))
         return [made[key] for key in keys]
+
+    def steps(self, trace: Trace) -> float:
+        """The sampling interval of a trace, over that which the memory is of."""
+        return trace.step / self.step if self.step else 1.0
 
     def normal(self, point: Point, gains: Sequence[Gains] | None = None) -> Normal:
         """Normal equations at a point."""

@@ -81,7 +81,7 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
     """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero.
 
     starts  what is known of the state in which an experiment of that number begins, EVERY for those that are not
-            named; nothing of what comes after a gap or a cut
+            named; nothing of what comes after a gap, a cut or another rate
     """
     found = []
     for e in experiments:
@@ -93,7 +93,7 @@ def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 
             edges = np.linspace(first, last, pieces + 1).round().astype(int)
             found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
                             e.offset + a * e.step, e.number, u[first:a] if a > first else None,
-                            known if a == e.segments[0][0] else {})
+                            known if e.begins and a == e.segments[0][0] else {})
                       for a, b in pairwise(edges) if b - a >= 10]
     if not found:
         raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
@@ -171,7 +171,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         bodies=len(drive.bodies),
         by_record=load_step.only_in(drive.values) or differs(drive),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
-        states=tuple(plain.states), sensor_std=float(stds[0]))
+        states=tuple(plain.states), sensor_std=float(stds[0]), step=min(t.step for t in traces))
 
 
 def _sizes(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
+from drivetool.identify.rates import at_rates
 from drivetool.identify.steady_line import KEYS, Line, Points, fit_line, make_points
 from drivetool.identify.steady_points import Interval, find_intervals, mean_variances
 from drivetool.identify.steady_report import (
@@ -21,7 +22,7 @@ from drivetool.identify.steady_report import (
     point_list,
 )
 from drivetool.identify.torque_constant import only_in_greybox
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, sources
 
 
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
@@ -45,6 +46,7 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     for name in options.hold:
         drive.quantity(name)
     only_in_greybox(options.free)
+    experiments = at_rates("steady", experiments, options)
     intervals = [i for experiment in experiments for i in find_intervals(experiment)]
     if not intervals:
         raise NotEnoughData(
@@ -146,7 +148,7 @@ def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
              "chi2_dof": sum(line.dof for *_, line in results)},
         covariance=_covariance(results),
         details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
-        findings=tuple(findings), data=tuple(e.source for e in experiments),
+        findings=tuple(findings), data=sources(experiments),
         exhibits=exhibits(experiments, results, drive))
 
 

@@ -156,7 +156,8 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
         marked = np.full(len(speed), np.nan)
         for span in spans:
             if span.file == experiment.name:
-                inside = slice(*(round((t - experiment.offset) / experiment.step) for t in (span.start, span.end)))
+                inside = slice(*(max(round((t - experiment.offset) / experiment.step), 0)
+                                 for t in (span.start, span.end)))
                 marked[inside] = speed[inside]
         shown.append(Exhibit(
             "record", f"Steady intervals in {experiment.name}", "time [s]", f"motor speed [{motion}/s]",

@@ -50,7 +50,10 @@ def as_torques(experiments: Sequence[Experiment], drive: Drive, free: Sequence[s
             signals[role] = value * e.signals[role]
             signals[role].setflags(write=False)
             used.add(name)
-        found.append(replace(e, signals=signals, torque_unit=drive.torque_unit, input_units={}) if roles else e)
+        if roles:
+            others = as_torques(e.others, drive, free)[0] if e.others else ()
+            e = replace(e, signals=signals, torque_unit=drive.torque_unit, input_units={}, others=others)
+        found.append(e)
     if loose - used:
         raise BadOption(f"an input in A, V or % for a free {min(loose - used)}",
                         f"torques in {experiments[0].torque_unit}", "Leave it out of --free.")

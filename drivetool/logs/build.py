@@ -10,11 +10,12 @@ import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.logs.channel_map import ChannelMap, choose_channels
-from drivetool.logs.clocks.resample import leader_of, onto_grid
+from drivetool.logs.clocks.rate_changes import Rate, at_rate, rates
+from drivetool.logs.clocks.resample import Clean, cleaned, leader_of, onto_grid
 from drivetool.logs.condition import Step, condition, parse_step
 from drivetool.logs.convert import shared_units, to_signals
 from drivetool.logs.experiment import Experiment, Recording
-from drivetool.logs.parts import cut, restarted
+from drivetool.logs.parts import Cut, cut, restarted
 from drivetool.logs.read import read_recording
 from drivetool.logs.roles import INPUTS, quantity
 from drivetool.logs.samples.counts import made_of_counts
@@ -59,33 +60,80 @@ def build_experiment(recording: Recording, channel_map: ChannelMap | None = None
     signals, findings = to_signals(recording, chosen, channel_map)
     units = shared_units(signals, recording.name)
     left = cut(signals, leader_of({role: s.time for role, s in signals.items()}), steps, recording.name)
-    findings = [*recording.findings, *findings, *units.findings, *left.findings]
-    gridded = onto_grid(left.signals, recording.name)
-    findings += [*unmeasured(gridded.clean), *gridded.findings]
-    offset = gridded.start - left.start if left.findings else 0.0
-    segments, on_grid = restarted(gridded.segments, gridded.signals, left.parts, offset, gridded.step)
-    gridded = replace(gridded, signals=on_grid)
-    segments, more = _cut(segments, gridded.signals, recording.name)
-    findings += more
-    inside = _inside(segments, len(next(iter(gridded.signals.values()))))
-    findings += _sparse(gridded.signals, inside)
-    findings += _constant(gridded.signals, inside, recording.name)
-    findings += made_of_counts(gridded.signals, segments, gridded.step)
-    for body in dict.fromkeys(role.rpartition("_")[0] for role in gridded.signals):
-        angle, speed = f"{body}_angle", f"{body}_speed"
-        if angle in gridded.signals and speed in gridded.signals:
-            told = any(f.code == "clock-offset" and {angle, speed} <= set(f.evidence.values()) for f in findings)
-            findings += [f for f in compare_speed_and_angle(gridded.signals[angle], gridded.signals[speed],
-                                                            gridded.step, segments, body)
-                         if not (told and f.code in ("speed-delay", "speed-filtered"))]
-    return Experiment(
-        name=recording.name, sha256=recording.sha256, step=gridded.step,
-        start=round(recording.origin + gridded.start, 9),
-        signals={role: _frozen(values) for role, values in gridded.signals.items()},
-        segments=segments, torque_unit=units.torque, motion_unit=units.motion, input_units=units.inputs,
-        torque_is=channel_map.torque_is if channel_map else "unknown", findings=tuple(findings),
-        offset=round(offset, 9),
+    clean = cleaned(left.signals, recording.name)
+    blank = Experiment(
+        recording.name, recording.sha256, 0.0, recording.origin, {}, (), units.torque, units.motion,
+        channel_map.torque_is if channel_map else "unknown",
+        (*recording.findings, *findings, *units.findings, *left.findings), input_units=units.inputs,
         magnitudes=tuple(r for r, entry in channel_map.roles.items() if entry.unsigned) if channel_map else ())
+    if found := rates(clean.time):
+        return _at_rates(blank, clean, left, found)
+    return _on_grid(blank, clean, left, recording.name)
+
+
+def _at_rates(blank: Experiment, clean: Clean, left: Cut, found: Sequence[Rate]) -> Experiment:
+    """The experiment at the rate at which most was excited, the others beside it, each on a grid of its own.
+
+    blank   what does not depend on the grid
+    raises  BadRecording, NotEnoughData: none of them can be used; what the first lacks
+    """
+    log, parts, errors = blank.name, [], []
+    for rate in found:
+        label = f"the part of {log} at {rate.text}"
+        try:
+            part = _on_grid(replace(blank, findings=()), at_rate(clean, rate, label), left, label, rate)
+        except (BadRecording, NotEnoughData) as error:
+            errors.append((rate, error))
+        else:
+            parts.append(replace(part, begins=rate is found[0]))
+    if not parts:
+        raise errors[0][1]
+    told = [Finding("warning", "part-left-out", f"The part of {log} at {rate.text} is left out: {error}",
+                    {"step": rate.step}) for rate, error in errors]
+    if len(parts) > 1:
+        told.append(Finding(
+            "note", "rate-changes",
+            f"{log} changes its rate: {', '.join(f'{p.used} samples at {p.rate}' for p in parts)}. Each rate has a "
+            "grid of its own.", {f"samples at {p.rate}": p.used for p in parts}))
+    main = max(parts, key=_excitation)
+    findings = [*blank.findings, *told]
+    for part in parts:
+        findings += [f for f in part.findings if f not in findings]
+    return replace(main, others=tuple(replace(p, findings=()) for p in parts if p is not main),
+                   findings=tuple(findings))
+
+
+def _excitation(experiment: Experiment) -> float:
+    """Sum of the squares of the motor torque about its mean: with it grows what a recording tells of a drive."""
+    values = experiment.signals.get("motor_torque", next(iter(experiment.signals.values())))
+    seen = values[_inside(experiment.segments, experiment.size)]
+    return float(np.nansum((seen - np.nanmean(seen)) ** 2))
+
+
+def _on_grid(blank: Experiment, clean: Clean, left: Cut, log: str, rate: Rate | None = None) -> Experiment:
+    """The experiment on one grid, with its findings.
+
+    blank  what does not depend on the grid
+    log    what messages call it; rate: of which the signals are a part; None: all
+    """
+    gridded = onto_grid(clean, log)
+    offset = gridded.start - left.start if left.findings or rate else 0.0
+    findings = [*unmeasured(clean.signals), *clean.findings, *gridded.findings]
+    segments, signals = restarted(gridded.segments, gridded.signals, left.parts, offset, gridded.step)
+    segments, more = _cut(segments, signals, log)
+    inside = _inside(segments, len(next(iter(signals.values()))))
+    findings += [*more, *_sparse(signals, inside), *_constant(signals, inside, log, f" in {log}" if rate else "")]
+    findings += made_of_counts(signals, segments, gridded.step)
+    for body in dict.fromkeys(role.rpartition("_")[0] for role in signals):
+        angle, speed = f"{body}_angle", f"{body}_speed"
+        if angle in signals and speed in signals:
+            told = any(f.code == "clock-offset" and {angle, speed} <= set(f.evidence.values()) for f in findings)
+            compared = compare_speed_and_angle(signals[angle], signals[speed], gridded.step, segments, body)
+            findings += [f for f in compared if not (told and f.code in ("speed-delay", "speed-filtered"))]
+    return replace(
+        blank, step=gridded.step, start=round(blank.start + gridded.start, 9),
+        signals={role: _frozen(values) for role, values in signals.items()}, segments=segments,
+        findings=(*blank.findings, *findings), offset=round(offset, 9))
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:
@@ -159,8 +207,11 @@ def _sparse(signals: Mapping[str, np.ndarray], inside: np.ndarray) -> list[Findi
     return findings
 
 
-def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str) -> list[Finding]:
-    """Signals that never change: a finding each, an error if neither torque nor motion does."""
+def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str, where: str) -> list[Finding]:
+    """Signals that never change: a finding each, an error if neither torque nor motion does.
+
+    where  what the finding says of the place
+    """
     still = []
     for role, values in signals.items():
         seen = values[inside & np.isfinite(values)]
@@ -179,6 +230,6 @@ def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str) -
         names = ", ".join(sorted(drives | motions))
         raise NotEnoughData(f"a torque or a motion that changes in {log}", f"only constant signals ({names})",
                             "Check the channels; if they are right, record while the drive is excited.")
-    return [Finding("warning", "constant-signal", f"{role} never changes: {value:g} throughout.",
+    return [Finding("warning", "constant-signal", f"{role} never changes{where}: {value:g} throughout.",
                     {"role": role, "value": value}, "Check that it is the right channel.")
             for role, value in still]

@@ -108,7 +108,7 @@ def _number(name: str, key: str, text: str, rule: tuple[float | None, float, boo
 def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
     """The experiment after the steps, in their order; keep and omit came before it (parts.py).
 
-    returns  a new Experiment; each step is a note in its findings
+    returns  a new Experiment; each step is a note in its findings. What is at other rates goes through the same
     raises   BadOption: a role that is not there, a cut-off above half the rate; NotEnoughData: too few
              samples left
     """
@@ -124,7 +124,11 @@ def condition(experiment: Experiment, steps: Sequence[Step]) -> Experiment:
                        {"step": step.name, **step.told, **evidence})
         experiment = replace(changed, findings=(*experiment.findings, note),
                              signals={role: _frozen(v) for role, v in changed.signals.items()})
-    return experiment
+    others = [condition(other, steps) for other in experiment.others]
+    notes = list(experiment.findings)
+    for other in others:
+        notes += [f for f in other.findings if f not in notes]
+    return replace(experiment, findings=tuple(notes), others=tuple(replace(o, findings=()) for o in others))
 
 
 def _frozen(values: np.ndarray) -> np.ndarray:

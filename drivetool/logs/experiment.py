@@ -14,6 +14,7 @@ from zlib import crc32
 import numpy as np
 
 from drivetool.errors import BadOption, BadRecording, Finding
+from drivetool.logs.clocks.clock import LIKE_STEP
 
 TorqueIs = Literal["command", "measurement", "unknown"]
 
@@ -91,6 +92,8 @@ class Experiment:
     torque_is    whether the logged torque is the command or a measurement of it
     magnitudes   roles whose sign is not in the log
     offset       time of the first sample after the start of the recording it is a part of [s]
+    begins       whether it begins where its recording does: only there may a start state be known
+    others       what of the recording is at other rates, each on a grid of its own; see every_part
     """
 
     name: str
@@ -106,6 +109,8 @@ class Experiment:
     offset: float = 0.0
     magnitudes: tuple[str, ...] = ()
     input_units: Mapping[str, str] = field(default_factory=dict)
+    begins: bool = True
+    others: tuple[Experiment, ...] = ()
 
     @property
     def source(self) -> Source:
@@ -131,6 +136,16 @@ class Experiment:
     def size(self) -> int:
         """Number of samples on the grid."""
         return len(next(iter(self.signals.values())))
+
+    @property
+    def used(self) -> int:
+        """Number of samples in its segments."""
+        return sum(last - first for first, last in self.segments)
+
+    @property
+    def rate(self) -> str:
+        """Its samples a second, as messages have them."""
+        return f"{1.0 / self.step:.4g} Hz"
 
     @property
     def time(self) -> np.ndarray:
@@ -166,6 +181,32 @@ class Experiment:
         return replace(
             self, start=self.start + i * self.step, offset=self.offset + i * self.step, segments=cut,
             signals={role: values[i:j] for role, values in self.signals.items()})
+
+
+def every_part(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The recordings with what of them is at other rates, as experiments of their own in the order of time."""
+    return [part for e in experiments
+            for part in sorted((replace(e, others=()), *e.others), key=lambda part: part.start)]
+
+
+def of_one_rate(experiments: Sequence[Experiment]) -> list[list[int]]:
+    """The places of experiments whose sampling rates agree, together: what is per sample is alike for them."""
+    found: list[list[int]] = []
+    for i, e in enumerate(experiments):
+        near = next((group for group in found if abs(e.step / experiments[group[0]].step - 1.0) < LIKE_STEP), None)
+        if near is None:
+            found.append([i])
+        else:
+            near.append(i)
+    return found
+
+
+def sources(experiments: Sequence[Experiment]) -> tuple[Source, ...]:
+    """The files that they came from, each once."""
+    found: dict[tuple[str, str], Source] = {}
+    for e in experiments:
+        found.setdefault((e.name, e.sha256), e.source)
+    return tuple(found.values())
 
 
 def no_copies(experiments: Sequence[Experiment]) -> None:

@@ -12,6 +12,7 @@ from drivetool.logs.build import build_experiment
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, resolve
 from drivetool.logs.clocks.clean_clock import FAR, clean_clock
 from drivetool.logs.clocks.clock import fit_grid, median_step
+from drivetool.logs.clocks.rate_changes import rates
 from drivetool.logs.condition import parse_step
 from drivetool.logs.experiment import Channel, Experiment, Recording
 from drivetool.logs.read import read_recording
@@ -157,9 +158,14 @@ def _clock(time: np.ndarray, name: str, log: str) -> _Clock:
         stamps = np.unique(time[known])
     if len(stamps) < 2:
         return _Clock(keep, None, 0.0, (), 0, told)
-    grid = fit_grid(stamps)
-    gaps = tuple((float(stamps[i]), float(stamps[i + 1])) for i in grid.gaps)
-    return _Clock(keep, 1 / median_step(stamps), grid.jitter, gaps, grid.lost, told)
+    found = rates(stamps)
+    if found:
+        told = f"{told} It changes its rate: {', '.join(rate.text for rate in found)}.".lstrip()
+    parts = [stamps[(stamps >= a) & (stamps < b)] for rate in found for a, b in rate.windows] or [stamps]
+    grids = [(part, fit_grid(part)) for part in parts if len(part) > 1]
+    gaps = tuple(sorted((float(part[i]), float(part[i + 1])) for part, grid in grids for i in grid.gaps))
+    return _Clock(keep, 1 / median_step(stamps), max(grid.jitter for _, grid in grids), gaps,
+                  sum(grid.lost for _, grid in grids), told)
 
 
 def _report(name: str, channel: Channel, role: str | None, clock: _Clock, unit: str | None) -> ChannelReport:

@@ -92,7 +92,7 @@ def restarted(segments: Sequence[tuple[int, int]], signals: Mapping[str, np.ndar
         i, j = (round((edge - offset) / step) for edge in (end, begin))
         segments = [(a, b) for first, last in segments
                     for a, b in ((first, min(last, i)), (max(first, j), last)) if b > a]
-        signals = {role: values if role in INPUTS else _without(values, max(i, 0), j)
+        signals = {role: values if role in INPUTS else _without(values, max(i, 0), max(j, 0))
                    for role, values in signals.items()}
     return list(segments), signals
 

@@ -74,7 +74,7 @@ def field(**off):
     names = {"cl": "coloured, laws", "wl": "white, laws", "rl": "regression, laws", "f": "free runs, laws"}
     one = candidate([1.0, 2.0])
     candidates = dict.fromkeys(ALL, one) | {names[k]: candidate(v) for k, v in off.items()}
-    judge = Judge(Smoothing(0.2, 0.0), Noise(1.0, None, np.ones(1)))
+    judge = Judge({1.0: Smoothing(0.2, 0.0)}, Noise(1.0, None, np.ones(1)))
     return Field(MappingProxyType(candidates), (), judge, {}, Task(one_body(), FREE, None, ()))
 
 

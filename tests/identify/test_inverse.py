@@ -14,7 +14,7 @@ from drivetool.identify.greybox import greybox, torque_is_the_answer
 from drivetool.identify.inverse_dynamics.asked import asked
 from drivetool.identify.inverse_dynamics.equations import turns
 from drivetool.identify.inverse_dynamics.linear import Rows, change_of, covariance_of, inverse_of
-from drivetool.identify.inverse_dynamics.motion import Motion, Motions, Smoothing
+from drivetool.identify.inverse_dynamics.motion import Motion, Smoothing
 from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
 from drivetool.identify.options import Options
 from drivetool.identify.setup import roles_of
@@ -26,7 +26,7 @@ from tests.identify.swing import STEP, TRUTH, record, swing
 S = swing()
 START = one_body().with_values({"motor.inertia": 0.05})
 MOTION = Motion(S.mean_speed, S.acceleration, S.middle, S.side, np.arange(len(S.middle)) * STEP + 0.5 * STEP,
-                np.zeros(len(S.middle), bool), np.ones(len(S.middle), bool))
+                np.zeros(len(S.middle), bool), np.ones(len(S.middle), bool), Smoothing(0.02, 0.0))
 W, A, Q, SIDE, T = S.mean_speed, S.acceleration, S.middle, S.side, MOTION.time
 
 # name -> (values of its parameters, torque that it asks of the motor, by the law in the effect's own words)
@@ -242,6 +242,5 @@ def test_reversals_that_the_filter_rounds_are_left_out():
 
 
 def test_a_body_that_turns_all_the_time_keeps_its_reversals():
-    seen = Motions((MOTION,), Smoothing(0.02, 0.0), 1.0, 0)
-    assert 0.0 < np.mean(turns(MOTION, seen)) < 0.5
-    assert not turns(MOTION, replace(seen, smoothing=Smoothing(0.0005, 0.0))).any()
+    assert 0.0 < np.mean(turns(MOTION)) < 0.5
+    assert not turns(replace(MOTION, smoothing=Smoothing(0.0005, 0.0))).any()

@@ -19,7 +19,7 @@ ROLES = pytest.mark.parametrize("role", ["motor_speed", "motor_angle"])
 
 
 def judged(made, role, **values):
-    judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+    judge = Judge({made.step: smoothing_of([made], role)}, Noise(1.0, None, np.ones(1)))
     task = task_of(made, **values)
     return judge.error(task), float(np.std(S.speed))
 
@@ -62,7 +62,7 @@ def test_straight_lines_err_by_what_a_motion_bends():
     n, step = 4000, 1e-3
     bent = swing(n, step, parts=((1.0 / np.pi, 0.5, 0.0),))  # the speed is cos(pi t): half a period in each run
     made = record(bent, step=step)
-    judge = Judge(smoothing_of([made], "motor_speed"), Noise(1.0, None, np.ones(1)))
+    judge = Judge({made.step: smoothing_of([made], "motor_speed")}, Noise(1.0, None, np.ones(1)))
     t = (np.arange(1000) + 0.5) / 1000.0
     left = np.cos(np.pi * t) - np.polyval(np.polyfit(t, np.cos(np.pi * t), 1), t)
     assert judge.straight(task_of(made)) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
@@ -73,7 +73,7 @@ def test_straight_lines_of_a_noisy_record_say_nothing(role):
     straight = swing(parts=((100.0, 0.004, 0.3),))
     noise = (1.0 if role == "motor_speed" else 0.01) * np.random.default_rng(1).standard_normal(4000)
     for made, says in ((record(S, role), True), (record(straight, role, noise=noise), False)):
-        judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+        judge = Judge({made.step: smoothing_of([made], role)}, Noise(1.0, None, np.ones(1)))
         assert (judge.straight(task_of(made)) > 0.0) == says
 
 
@@ -106,7 +106,7 @@ def test_the_fit_is_that_of_the_speed(role):
     angle = 60.0 * (1.0 - np.exp(-0.5 * time))
     made = replace(experiment(np.zeros(3000), true, step=2e-3), signals={
         "motor_torque": np.zeros(3000), role: true if role == "motor_speed" else angle})
-    judge = Judge(smoothing_of([made], role), Noise(1.0, None, np.ones(1)))
+    judge = Judge({made.step: smoothing_of([made], role)}, Noise(1.0, None, np.ones(1)))
     drive = one_body().with_values({"motor.inertia": 0.02, "motor.viscous": 0.012})
     found = judge.fit_percent(Task(drive, ("motor.viscous",), roles_of([made], drive), (made,)))
     # The start state is fitted: the exponential of the wrong rate that is nearest (to the speed, or to its angle).
@@ -123,7 +123,7 @@ def test_the_fit_is_that_of_the_speed(role):
 @pytest.mark.parametrize("window, size, wanted", [
     (5, 200, 5), (144, 20, 5), (144, 3, 1), (10, 40, 10), (11, 40, 10)])
 def test_no_mean_is_as_long_as_a_run(window, size, wanted):
-    judge = Judge(Smoothing(0.4 / window, 0.0), Noise(1.0, None, np.ones(1)))
-    assert judge.window(size) == wanted
+    judge = Judge({1.0: Smoothing(0.4 / window, 0.0)}, Noise(1.0, None, np.ones(1)))
+    assert judge.window(size, 1.0) == wanted
     error = judge._as_speed(np.linspace(-1.0, 1.0, size), 1.0, False)
     assert len(error) == size - wanted + 1 and (size < 4 or np.std(error) > 0.3)

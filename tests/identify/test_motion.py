@@ -23,7 +23,7 @@ def noise(std, seed=1, n=4000):
 @ROLES
 def test_means_over_the_intervals_are_the_closed_forms(role):
     seen = motions_of([record(S, role)], role)
-    assert seen.smoothing.cutoff == HIGHEST
+    assert seen.each[0].smoothing.cutoff == HIGHEST
     m = seen.each[0]
     for name, expected in (("speed", S.mean_speed), ("acceleration", S.acceleration), ("side", S.side)):
         tolerance = 0.02 if name == "side" else 2e-3 * np.abs(expected).max()
@@ -79,7 +79,7 @@ def test_the_noise_left_in_the_speed_is_that_of_filtered_noise(role):
 def test_slow_is_where_noise_hides_the_sign(role):
     std = 0.5 if role == "motor_speed" else 2e-3
     seen = motions_of([record(S, role, noise=noise(std))], role)
-    slow, least = seen.each[0].slow, 3.0 * seen.smoothing.speed_noise
+    slow, least = seen.each[0].slow, 3.0 * seen.each[0].smoothing.speed_noise
     assert 0.0 < slow.mean() < 0.5
     assert np.abs(S.mean_speed[slow]).max() < 3.0 * least
     assert np.abs(S.mean_speed[~slow]).min() > 0.2 * least
@@ -92,8 +92,8 @@ def test_other_units_change_nothing_but_the_size(role, factor):
     r = record(S, role, noise=noise(1e-2))
     scaled = replace(r, signals={**r.signals, role: factor * r.signals[role]})
     a, b = motions_of([r], role), motions_of([scaled], role)
-    assert b.smoothing.cutoff == a.smoothing.cutoff
-    assert b.smoothing.speed_noise == pytest.approx(factor * a.smoothing.speed_noise, rel=1e-9)
+    assert b.each[0].smoothing.cutoff == a.each[0].smoothing.cutoff
+    assert b.each[0].smoothing.speed_noise == pytest.approx(factor * a.each[0].smoothing.speed_noise, rel=1e-9)
     for name in ("speed", "acceleration", "angle"):
         expected = factor * a.all(name)
         np.testing.assert_allclose(b.all(name), expected, atol=1e-8 * np.abs(expected).max())

@@ -114,7 +114,8 @@ def candidates_of(white: Outcome, held: Sequence[str] = ()) -> Field:
             break
         white = freed_too(white, freed)
         task, found = white.task, {"white": white, "coloured": coloured(white)}
-    judge = Judge(seen.smoothing, white.fit.noise)
+    smoothings = {e.step: m.smoothing for e, m in zip(task.experiments, seen.each, strict=True)}
+    judge = Judge(smoothings, white.fit.noise)
     if laws and has_gap(task) and not confirmed(judge, found["coloured"], best):
         laws, best = (), found["coloured"]
     with_them = regress(task, seen, laws) if linear and laws else plain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,18 +24,18 @@ FEWEST = 20  # samples of a run: twice those that a stretch must have
 
 def run_length(task: Task, length: float = LENGTH) -> float:
     """Length [s] of the free runs of a recording: as wanted, shorter across a gap, more at a low sampling rate."""
-    return max(min(length, SHORT) if has_gap(task) else length, FEWEST * task.experiments[0].step)
+    return max(min(length, SHORT) if has_gap(task) else length, FEWEST * max(e.step for e in task.experiments))
 
 
 @dataclass(frozen=True)
 class Judge:
     """What all candidates are judged by alike.
 
-    smoothing  of the first sensor: errors above its cut-off are noise
-    noise      of a fit, by which the runs' first start states are filtered
+    smoothings  of the first sensor, sampling interval -> Smoothing: errors above its cut-off are noise
+    noise       of a fit, by which the runs' first start states are filtered
     """
 
-    smoothing: Smoothing
+    smoothings: Mapping[float, Smoothing]
     noise: Noise
 
     def error(self, task: Task, length: float = LENGTH) -> float:
@@ -54,7 +55,7 @@ class Judge:
             starts.append(np.append(states[k][done], 0.0))
             done += trace.size
         if is_angle:
-            problem = replace(problem, lag=self.window(min(t.size for t in problem.traces)))
+            problem = replace(problem, lag=min(self.window(t.size, t.step) for t in problem.traces))
         # Run by run: one that is hard to start must not damp the steps of the others.
         starts = [solve(replace(problem, traces=(trace,)), Point(np.empty(0), (start,)), most=8,
                         relative=1e-4).point.starts[0] for trace, start in zip(problem.traces, starts, strict=True)]
@@ -79,7 +80,7 @@ class Judge:
     def straight(self, task: Task, length: float = LENGTH) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
         traces, is_angle = task.traces(run_length(task, length)), task.roles.outputs[0].endswith("angle")
-        wide, errors, noise = self.window(min(t.size for t in traces)), [], []
+        errors, noise, wide = [], [], [self.window(t.size, t.step) for t in traces]
         for trace in traces:
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
             known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
@@ -87,15 +88,16 @@ class Judge:
             errors.append(self._as_speed(y - line @ share, trace.step, is_angle))
             noise.append(np.diff(y, 3) / np.sqrt(20.0))  # what is white is left of third differences
         found, white = (float(np.sqrt(np.nanmean(np.concatenate(each) ** 2))) for each in (errors, noise))
-        least = white * (np.sqrt(2.0) / (wide * trace.step) if is_angle else 1.0 / np.sqrt(wide))
+        shortest = min(w * t.step for w, t in zip(wide, traces, strict=True))
+        least = white * (np.sqrt(2.0) / shortest if is_angle else 1.0 / np.sqrt(min(wide)))
         return found if found > SURE * least else 0.0
 
-    def window(self, size: int) -> int:
+    def window(self, size: int, step: float) -> int:
         """Samples over which the errors of a run of that size are averaged: a longer mean would hide them all."""
-        return min(self.smoothing.window, max(size // SHARES, 1))
+        return min(self.smoothings[step].window, max(size // SHARES, 1))
 
     def _as_speed(self, values: np.ndarray, step: float, is_angle: bool) -> np.ndarray:
-        wide = self.window(len(values))
+        wide = self.window(len(values), step)
         if is_angle:
             return (values[wide:] - values[:-wide]) / (wide * step)
         return np.convolve(values, np.ones(wide) / wide, "valid")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, of_one_rate
 
 TOP = 0.8  # of the Nyquist frequency, above which the floor is read
 FRAMES = 16  # at least, in the mean of a spectrum
@@ -19,18 +19,20 @@ def likely_noise(experiments: Sequence[Experiment], role: str) -> tuple[np.ndarr
     At each frequency it is the share of the floor in the power. What is much stronger than the floor is signal, and
     passes as signal.
     """
-    stretches = [e.signals[role][a:b] for e in experiments for a, b in e.segments]
-    size = min(LONGEST, max(len(s) for s in stretches) * 2 // (FRAMES + 1))
     found = [np.zeros(e.size) for e in experiments]
-    power = _spectrum(stretches, size) if size >= 32 else None
-    if power is None:
-        return tuple(found)
-    frequency = np.linspace(0.0, 1.0, len(power))  # over Nyquist's
-    floor = float(np.median(power[frequency > TOP]))
-    share = np.minimum(floor / np.maximum(power, 1e-300), 1.0)
-    for e, values in zip(experiments, found, strict=True):
-        for a, b in e.segments:
-            values[a:b] = _filtered(e.signals[role][a:b], frequency, share, size)
+    for group in of_one_rate(experiments):
+        alike = [experiments[i] for i in group]
+        stretches = [e.signals[role][a:b] for e in alike for a, b in e.segments]
+        size = min(LONGEST, max(len(s) for s in stretches) * 2 // (FRAMES + 1))
+        power = _spectrum(stretches, size) if size >= 32 else None
+        if power is None:
+            continue
+        frequency = np.linspace(0.0, 1.0, len(power))  # over Nyquist's
+        floor = float(np.median(power[frequency > TOP]))
+        share = np.minimum(floor / np.maximum(power, 1e-300), 1.0)
+        for i in group:
+            for a, b in experiments[i].segments:
+                found[i][a:b] = _filtered(experiments[i].signals[role][a:b], frequency, share, size)
     return tuple(found)
 
 

@@ -72,7 +72,7 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
     """The equations of a recording at the drive's values.
 
     drive     of one body; more: what the chain behind it asks for
-    seen      how the motion was smoothed; motion: that is asked for the torque
+    seen      of which sensor; motion: that is asked for the torque
     standing  (n,) where the body stands: there friction is whatever holds it
     inputs    role -> (n,) other torques
     source    Gautier, Janot and Vandanjon 2013: zero-phase filters, the same on both sides of the equation
@@ -83,7 +83,7 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
 
     def low(values: np.ndarray) -> np.ndarray:
         # Acceleration and speed come from a motion that is smooth already; nothing else does.
-        return smoothed(values, e, seen)
+        return smoothed(values, e, motion, is_angle)
 
     def weighed(values: np.ndarray) -> np.ndarray:
         # A second difference of the angle weighs three torques so.
@@ -96,25 +96,25 @@ def equations(e: Experiment, drive: Drive, free: tuple[str, ...], seen: Motions,
         one + weighed(two) + low(three) for one, two, three in zip(
             a.accelerating.slopes.T, a.sliding.slopes.T, rest.slopes.T, strict=True))])
     used = np.isfinite(torque + value) & np.isfinite(slopes).all(axis=1) & (share < STANDING)
-    edge = int(1.0 / seen.smoothing.cutoff) + 1
+    edge = int(1.0 / motion.smoothing.cutoff) + 1
     for first, last in e.segments:  # the filter's own transient
         used[first:first + edge] = used[max(last - edge, first):last] = False
     return Equations(torque, torque - value, slopes, used)
 
 
-def smoothed(values: np.ndarray, e: Experiment, seen: Motions) -> np.ndarray:
-    """(n,) torques as the equations have them."""
-    found = low_pass(values, e.segments, seen.smoothing.cutoff, ORDER)
-    return _weighed(found) if seen.lag > 0 else found
+def smoothed(values: np.ndarray, e: Experiment, motion: Motion, is_angle: bool) -> np.ndarray:
+    """(n,) torques as the equations have them, for a motion that an angle or a speed shows."""
+    found = low_pass(values, e.segments, motion.smoothing.cutoff, ORDER)
+    return _weighed(found) if is_angle else found
 
 
-def turns(motion: Motion, seen: Motions) -> np.ndarray:
+def turns(motion: Motion) -> np.ndarray:
     """(n,) where the filter has rounded a reversal, at which dry friction is a step: as long as its own transient.
 
     Nowhere where the body turns so often that most of the record would be left out.
     """
     side = np.sign(np.nan_to_num(motion.speed))
-    reach = int(1.0 / seen.smoothing.cutoff) + 1
+    reach = int(1.0 / motion.smoothing.cutoff) + 1
     turned = np.concatenate([[False], side[1:] * side[:-1] < 0.0])
     found = np.convolve(turned, np.ones(2 * reach + 1), "same") > 0.5
     return found & (np.mean(found) < MOST_TURNING)

@@ -256,14 +256,14 @@ def _torque_figures(fit: Solved, alone: Inverse,
         "torque_fit_percent": f.fit_percent, "torque_rmse": f.rmse,
         "torque_rmse_over_rms_percent": 100.0 * f.over_rms, "torque_rmse_over_sd": f.over_sd,
         **({"torque_fit_percent_with_laws": best.fit_percent} if fit.at.laws[0] else {}),
-        "band_hz": fit.at.seen.smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": f.n}
+        "band_hz": fit.at.seen.each[0].smoothing.cutoff / e.step, "every_sample": fit.at.kept, "n": f.n}
     return best, figures, tuple(torque_picture(e, q, f"{e.name}: torque that the motion asks for")
                              for e, q in zip(fit.at.experiments, found, strict=True))
 
 
 def _outcome(fit: Solved, reference: str | None) -> str:
     how = "converged" if fit.converged else "stopped"
-    band = fit.at.seen.smoothing.cutoff / fit.at.experiments[0].step
+    band = fit.at.seen.each[0].smoothing.cutoff / fit.at.experiments[0].step
     by = f"with instruments from {reference}" if fit.at.foreseen else "by least squares"
     return f"{how} after {fit.steps} steps, {by}, torque over motion up to {band:.3g} Hz"
 

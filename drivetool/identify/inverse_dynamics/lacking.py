@@ -34,7 +34,8 @@ def lacking(record: Inverse) -> tuple[str, ...]:
     parts, powers, measured = [], np.zeros(2), record.with_motion()
     others = record.with_motion(foreseen=True) if record.foreseen else measured
     for i, (e, q, z) in enumerate(zip(record.experiments, measured, others, strict=True)):
-        columns = [smoothed(np.nan_to_num(c), e, record.seen) for law in laws for c in law.columns[i].T]
+        columns = [smoothed(np.nan_to_num(c), e, record.seen.each[i], record.seen.lag > 0)
+                   for law in laws for c in law.columns[i].T]
         rows = np.column_stack([z.slopes, *columns, q.residual])
         used = q.used & z.used & np.isfinite(rows).all(axis=1)
         powers += [float(np.sum(v[used] ** 2)) for v in (q.residual, q.torque)]

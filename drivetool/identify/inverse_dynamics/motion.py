@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import NotEnoughData
-from drivetool.logs.experiment import Experiment
+from drivetool.logs.experiment import Experiment, of_one_rate
 from drivetool.logs.samples.zero_phase import BRIDGED, low_pass
 
 # Sensor noise in the acceleration lowers the inertia of a regression by its share of the acceleration's power.
@@ -22,25 +22,6 @@ TOP = 0.8  # of the Nyquist frequency, above which there is nothing but noise
 SURE = 3.0  # standard deviations of the speed's noise below which its sign is not known
 STANDS = 5e-3  # of the top speed, below which a body stands
 BAND = np.linspace(0.0, 0.5, 2049)[1:]  # cycles per sample
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Means over the samples' intervals of one experiment, each (n,); NaN outside its segments.
-
-    speed, acceleration, angle, side (of the sign of the speed)
-    time     in the middle of the interval [s] from the start of the recording
-    slow     whether the sign of the speed is not known there, or the body stands
-    known    whether it was measured there; elsewhere it is a straight line between what was
-    """
-
-    speed: np.ndarray
-    acceleration: np.ndarray
-    angle: np.ndarray
-    side: np.ndarray
-    time: np.ndarray
-    slow: np.ndarray
-    known: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -57,6 +38,27 @@ class Smoothing:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """Means over the samples' intervals of one experiment, each (n,); NaN outside its segments.
+
+    speed, acceleration, angle, side (of the sign of the speed)
+    time     in the middle of the interval [s] from the start of the recording
+    slow     whether the sign of the speed is not known there, or the body stands
+    known    whether it was measured there; elsewhere it is a straight line between what was
+    smoothing  by which it is, as the sensor's noise at that sampling rate allows
+    """
+
+    speed: np.ndarray
+    acceleration: np.ndarray
+    angle: np.ndarray
+    side: np.ndarray
+    time: np.ndarray
+    slow: np.ndarray
+    known: np.ndarray
+    smoothing: Smoothing
+
+
+@dataclass(frozen=True)
 class Motions:
     """The motion of a body in all experiments, one each; top: the speed that a hundredth of the samples exceeds.
 
@@ -64,7 +66,6 @@ class Motions:
     """
 
     each: tuple[Motion, ...]
-    smoothing: Smoothing
     top: float
     lag: int
 
@@ -78,11 +79,24 @@ def motions_of(experiments: Sequence[Experiment], role: str) -> Motions:
 
     raises  NotEnoughData: 50 values of the sensor in a row are not there
     """
-    smoothing = smoothing_of(experiments, role)
-    speeds = [np.abs(motion_of(e, role, smoothing, 0.0).speed) for e in experiments]
-    top = float(np.nanquantile(np.concatenate(speeds), 0.99))
-    each = tuple(motion_of(e, role, smoothing, top) for e in experiments)
-    return Motions(each, smoothing, top, smoothing.window if role.endswith("angle") else 0)
+    smoothings = smoothings_of(experiments, role)
+    pairs = list(zip(experiments, smoothings, strict=True))
+    top = float(np.nanquantile(np.concatenate([np.abs(motion_of(e, role, s, 0.0).speed) for e, s in pairs]), 0.99))
+    each = tuple(motion_of(e, role, s, top) for e, s in pairs)
+    return Motions(each, top, min(s.window for s in smoothings) if role.endswith("angle") else 0)
+
+
+def smoothings_of(experiments: Sequence[Experiment], role: str) -> list[Smoothing]:
+    """Of each experiment; one for all of a sampling rate: a cut-off and a noise are per sample.
+
+    raises  NotEnoughData: nowhere is a stretch of 50 samples in a row
+    """
+    found: dict[int, Smoothing] = {}
+    for group in of_one_rate(experiments):
+        alike = [experiments[i] for i in group]
+        # What is too short by itself is smoothed like the others.
+        found |= dict.fromkeys(group, smoothing_of(alike if _runs(alike, role) else experiments, role))
+    return [found[i] for i in range(len(experiments))]
 
 
 def smoothing_of(experiments: Sequence[Experiment], role: str) -> Smoothing:
@@ -107,12 +121,7 @@ def smoothing_of(experiments: Sequence[Experiment], role: str) -> Smoothing:
 
 def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -> tuple[float, list[np.ndarray]]:
     """(power of the sensor's white noise per sample, uninterrupted runs of the sensor)."""
-    runs = []
-    for e in experiments:
-        for first, last in e.segments:
-            known = np.flatnonzero(np.isfinite(e.signals[role][first:last])) + first
-            runs += [e.signals[role][part[0]:part[-1] + 1] for part in
-                     np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part) >= 50]
+    runs = _runs(experiments, role)
     if not runs:
         raise NotEnoughData("50 values of the sensor in a row", "fewer", "Record longer, or without gaps.")
     order = 3 if is_angle else 2  # differences that leave little of the motion
@@ -124,6 +133,17 @@ def _noise_level(experiments: Sequence[Experiment], role: str, is_angle: bool) -
         top = angular > TOP * np.pi
         powers.append(spectrum[top] / (2.0 * np.sin(0.5 * angular[top])) ** (2 * order))
     return float(np.median(np.concatenate(powers)) / np.log(2.0)), runs
+
+
+def _runs(experiments: Sequence[Experiment], role: str) -> list[np.ndarray]:
+    """What a sensor gives without a break of at least 50 values."""
+    runs = []
+    for e in experiments:
+        for first, last in e.segments:
+            known = np.flatnonzero(np.isfinite(e.signals[role][first:last])) + first
+            runs += [e.signals[role][part[0]:part[-1] + 1] for part in
+                     np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(part) >= 50]
+    return runs
 
 
 def motion_of(experiment: Experiment, role: str, smoothing: Smoothing, top: float) -> Motion:
@@ -156,7 +176,7 @@ def motions_through(experiments: Sequence[Experiment], speeds: Sequence[np.ndarr
     """
     top = float(np.quantile(np.abs(np.concatenate(speeds)), 0.99))
     each, left = [], list(speeds)
-    for e in experiments:
+    for e, motor in zip(experiments, measured.each, strict=True):
         found, known = _nowhere(e.size), np.zeros(e.size, bool)
         for first, last in e.segments:
             # A stretch too short for a trace has no state.
@@ -164,7 +184,7 @@ def motions_through(experiments: Sequence[Experiment], speeds: Sequence[np.ndarr
                 part = slice(first, last)
                 _fill(found, part, left.pop(0), e.step)
                 known[part] = True
-        each.append(_motion(found, e, measured.smoothing, top, known))
+        each.append(_motion(found, e, motor.smoothing, top, known))
     return replace(measured, each=tuple(each), top=top)
 
 
@@ -184,7 +204,7 @@ def _fill(found: dict[str, np.ndarray], part: slice, ends: np.ndarray, step: flo
 def _motion(found: dict[str, np.ndarray], e: Experiment, smoothing: Smoothing, top: float,
             known: np.ndarray) -> Motion:
     slow = ~(np.abs(found["speed"]) > max(SURE * smoothing.speed_noise, STANDS * top))
-    return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known)
+    return Motion(**found, time=e.time + 0.5 * e.step, slow=slow, known=known, smoothing=smoothing)
 
 
 def _near(measured: np.ndarray, most: int) -> np.ndarray:

@@ -68,7 +68,7 @@ class Inverse:
     @property
     def kept(self) -> int:
         """Every how many samples are kept: the filter leaves as many independent values."""
-        return self.seen.smoothing.window
+        return self.seen.each[0].smoothing.window
 
     def with_motion(self, foreseen: bool = False) -> list[Equations]:
         """The equations of every recording at the drive's values, by the measured motion or the foreseen one."""
@@ -91,7 +91,7 @@ class Inverse:
         found = equations(e, body, free, self.seen, motion, standing, torques, more)
         dry = f"{body.bodies[0]}.coulomb"
         if dry in free or body.value(dry):
-            found = replace(found, used=found.used & ~turns(motion, self.seen))
+            found = replace(found, used=found.used & ~turns(motion))
         return replace(found, used=found.used & ~self.lead[i]) if self.lead else found
 
     def led_in(self) -> Inverse:
@@ -176,16 +176,16 @@ def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
 
 
 def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by: float) -> Motions:
-    smoothing = replace(seen.smoothing, cutoff=seen.smoothing.cutoff / by)
-    each = tuple(motion_of(e, sensor, smoothing, seen.top) for e in experiments)
-    return replace(seen, each=each, smoothing=smoothing, lag=smoothing.window if seen.lag else 0)
+    each = tuple(motion_of(e, sensor, replace(m.smoothing, cutoff=m.smoothing.cutoff / by), seen.top)
+                 for e, m in zip(experiments, seen.each, strict=True))
+    return replace(seen, each=each, lag=min(m.smoothing.window for m in each) if seen.lag else 0)
 
 
 def with_instruments(record: Inverse, sensor: str, reference: str) -> Inverse:
     """The same with the motion that the reference foretells as instrument."""
     made, count = foretold(record.experiments, sensor, reference)
     return replace(record, fitted=count, foreseen=tuple(
-        motion_of(e, sensor, record.seen.smoothing, record.seen.top) for e in made))
+        motion_of(e, sensor, m.smoothing, record.seen.top) for e, m in zip(made, record.seen.each, strict=True)))
 
 
 def strength(record: Inverse) -> float:

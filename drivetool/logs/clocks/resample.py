@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,18 +17,54 @@ from drivetool.logs.roles import INPUTS
 
 
 @dataclass(frozen=True)
+class Clean:
+    """Signals on clean clocks.
+
+    signals  role -> Signal, its stamps strictly increasing; clocks: role -> Clock, one for all with equal stamps
+    leader   the role whose clock the grid takes; time (n,) its stamps, with those of others that it lacks [s]
+    resumes  when the logger came back to this rate from another one [s]
+    """
+
+    signals: Mapping[str, Signal]
+    clocks: Mapping[str, Clock]
+    leader: str
+    time: np.ndarray
+    findings: tuple[Finding, ...] = ()
+    resumes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Gridded:
-    """Signals on a grid: step, start [s]; role -> (n,); segments without a gap; clean, on their own clocks."""
+    """Signals on a grid: step, start [s]; role -> (n,); segments without a gap."""
 
     step: float
     start: float
     signals: Mapping[str, np.ndarray]
     segments: tuple[tuple[int, int], ...]
     findings: tuple[Finding, ...]
-    clean: Mapping[str, Signal]
 
 
-def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
+def cleaned(signals: Mapping[str, Signal], log: str) -> Clean:
+    """The signals with every stamp once and in order.
+
+    signals  role -> Signal, with stamps as logged
+    raises   BadRecording: time goes backwards; NotEnoughData: a signal with fewer than two samples
+    """
+    clocks, findings = _clean(signals, log)
+    refuse_single(signals, clocks, log)
+    clean = {role: Signal(clocks[role].time, clocks[role].of(signal.values), signal.si)
+             for role, signal in signals.items()}
+    return led(clean, clocks, (*findings, *clock_offsets(clean, log)))
+
+
+def led(clean: Mapping[str, Signal], clocks: Mapping[str, Clock], findings: tuple[Finding, ...],
+        resumes: tuple[float, ...] = ()) -> Clean:
+    """Clean signals with what leads them."""
+    leader = leader_of({role: clock.time for role, clock in clocks.items()})
+    return Clean(clean, clocks, leader, _filled(leader, clocks), findings, resumes)
+
+
+def onto_grid(clean: Clean, log: str) -> Gridded:
     """All signals on the grid of the fastest sensor, its steps divided where an input is faster.
 
     Samples whose stamps are those of the grid are taken as they are, bit by bit. Others are converted. An input is
@@ -36,18 +72,11 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
     between neighbours at most 3 steps apart; a slower one has a value only at the grid points next to its samples.
     What is faster (references alone) is low-passed (rate.py).
 
-    signals  role -> Signal
     returns  Gridded; neighbours more than 3 steps apart begin a new segment
-    raises   BadRecording: time goes backwards, or clocks that do not overlap; NotEnoughData: a
-             signal with fewer than two samples
+    raises   BadRecording: clocks that do not overlap
     """
-    clocks, findings = _clean(signals, log)
-    _refuse_single(signals, clocks, log)
-    values = {role: clocks[role].of(signal.values) for role, signal in signals.items()}
-    clean = {role: Signal(clock.time, values[role], signals[role].si) for role, clock in clocks.items()}
-    findings += clock_offsets(clean, log)
-    leader = leader_of({role: clock.time for role, clock in clocks.items()})
-    time = _filled(leader, clocks)
+    clocks, leader, time, findings = clean.clocks, clean.leader, clean.time, []
+    values = {role: signal.values for role, signal in clean.signals.items()}
     grid, at = _grid(time, _parts(time, clocks), log)
     index = grid.index
     placed: dict[str, np.ndarray] = {}
@@ -70,10 +99,12 @@ def onto_grid(signals: Mapping[str, Signal], log: str) -> Gridded:
         findings.append(_slowed_finding(slowed, grid, log))
     if converted:
         findings.append(_resampled_finding(grid, clocks, leader, log))
-        _require_overlap(placed, log, findings)
-    if len(grid.gaps):
-        findings.append(_gap_finding(grid, time, log))
-    return Gridded(grid.step, grid.start, placed, tuple(_stretches(index, grid.gaps)), tuple(findings), clean)
+        _require_overlap(placed, log, (*clean.findings, *findings))
+    pauses = np.searchsorted(time, clean.resumes) - 1
+    stretches = tuple(_stretches(index, np.union1d(grid.gaps, pauses)))
+    if len(gaps := np.setdiff1d(grid.gaps, pauses)):
+        findings.append(_gap_finding(gaps, len(stretches), time, log))
+    return Gridded(grid.step, grid.start, placed, stretches, tuple(findings))
 
 
 def _clean(signals: Mapping[str, Signal], log: str) -> tuple[dict[str, Clock], list[Finding]]:
@@ -123,7 +154,7 @@ def _absent(role: str, signal: Signal, time: np.ndarray, log: str) -> list[Findi
         f"`absent: 0` for {role} in the channel map.")]
 
 
-def _refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], log: str) -> None:
+def refuse_single(signals: Mapping[str, Signal], clocks: Mapping[str, Clock], log: str) -> None:
     """One stamp is no clock."""
     for role, clock in clocks.items():
         if len(clock.time) < 2:
@@ -261,7 +292,7 @@ def _interpolate(at: np.ndarray, step: float, time: np.ndarray, values: np.ndarr
     return np.where(inside & near, np.interp(at, time, values), np.nan)
 
 
-def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: list[Finding]) -> None:
+def _require_overlap(placed: Mapping[str, np.ndarray], log: str, findings: Sequence[Finding]) -> None:
     """A signal without a value on the grid was recorded at another time, or by another clock."""
     for role, values in placed.items():
         if not np.any(np.isfinite(values)):
@@ -299,12 +330,12 @@ def _lost_finding(grid: Grid, log: str) -> Finding:
                    {"samples": grid.lost, "of": grid.size}, "Check the recorder for overload.")
 
 
-def _gap_finding(grid: Grid, time: np.ndarray, log: str) -> Finding:
-    lengths = np.diff(time)[grid.gaps]
+def _gap_finding(gaps: np.ndarray, segments: int, time: np.ndarray, log: str) -> Finding:
+    lengths = np.diff(time)[gaps]
     often = "once" if len(lengths) == 1 else f"{len(lengths)} times"
     return Finding("warning", "gaps",
                    f"{log} is interrupted {often}, for up to {lengths.max():.4g} s; it is used as "
-                   f"{len(lengths) + 1} segments.",
+                   f"{segments} segments.",
                    {"gaps": len(lengths), "longest": float(lengths.max()),
-                    "first_at": float(time[grid.gaps[0]])},
+                    "first_at": float(time[gaps[0]])},
                    "Check the recorder for overload.")
