@@ -20,7 +20,7 @@ LINES = (
     Parameter("motor.inertia", 0.587, "kg m^2", 0.587, 0.001, (0.585, 0.589)),
     Parameter("shaft.stiffness", 3310.0, "Nm/rad", 3200.0, 12.0, (3286.0, 3334.0)),
     Parameter("shaft.half_gap", 0.00322, "rad", 0.0, 0.00002, (0.00318, 0.00326)))
-CANDIDATES = (
+FITTED = (
     CandidateResult("backlash", "Ts = ks dead(z, a)", "named", 1234.0, 41.0, 530.2, {"shaft.half_gap": 1e-4},
                     LINES),
     CandidateResult("hardening-stiffness", "Ts = ks twist (1 + h (|twist|/r)^n)", "worse", 610.0, 55.0, 260.0,
@@ -50,9 +50,9 @@ def views(size: int = 6000, second: bool = True) -> list[View]:
 
 def diagnosis(**changes) -> Diagnosis:
     """Backlash found in one round, and nothing more in the next."""
-    rounds = (Round("backlash", CANDIDATES, GAIN),
+    rounds = (Round("backlash", FITTED, GAIN),
               Round(None, tuple(replace(c, state="no-gain", gain=0.5, gain_std=1.5, evidence=-0.4)
-                                for c in CANDIDATES[1:3])))
+                                for c in FITTED[1:3])))
     estimate = Estimate(
         "diagnose", DRIVE, LINES, "settled", {"simulation_fit_percent": 99.4, "rmse": 0.0211, "n": 12000},
         Covariance(("motor.inertia", "shaft.stiffness", "shaft.half_gap"), np.diag([1e-6, 144.0, 4e-10])),

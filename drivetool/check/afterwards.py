@@ -8,8 +8,8 @@ from copy import deepcopy
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivetool.check.candidates import CANDIDATES
-from drivetool.check.decide import SHARE, Decision, decide, mistaken_for
+from drivetool.check.causes import FITTED, mistaken_for
+from drivetool.check.decide import SHARE, Decision, decide
 from drivetool.check.diagnosis import Round
 from drivetool.check.heldout import Score, score
 from drivetool.check.hypothesis import Tried
@@ -103,7 +103,7 @@ def ask_again(search: Search, code: str, among: Sequence[str] = ()) -> bool:
     try:
         search.stand_on(without_them(model, search.found.added[code], search.first.task.drive, search.masks))
         search.ends = {code: replace(model, code=code)}
-        tried = search.attempts(among=[c for c in CANDIDATES if c.code in among])
+        tried = search.attempts(among=[c for c in FITTED if c.code in among])
         scores = search.judged(tried)
         decision = decide(scores, search.options.error_budget, 0.0, imitates)
         scores = search.with_doubles(tried, scores, decision)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from drivetool.check.candidates import speeds
+from drivetool.check.causes.starts import speeds
 from drivetool.check.model import Model
 from drivetool.drive.effects.load_step import TIMES, TORQUES, felt_in
 

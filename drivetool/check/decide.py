@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import norm, wilcoxon
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.absence import needs_of
+from drivetool.check.causes import CAUSES, DECIDES
 from drivetool.check.heldout import Score, total_evidence
 
 CLOSE = 2.0  # standard errors within which two causes explain the record equally well
@@ -20,27 +21,6 @@ MUCH = 0.1  # of its lead over the base, the same: no law is exact to less
 SURPLUS = 2.0  # log likelihood that each further parameter of a law must bring over its special case
 LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
 
-# What decides between two causes, in either order.
-DECIDES: Mapping[frozenset[str], str] = {
-    frozenset(pair): text for pair, text in [
-        (("converter-lag", "speed-filter"), "Log a second sensor (motor angle, or the torque-producing current): a "
-         "lag of the torque delays both, a filter on the speed only the speed."),
-        (("converter-lag", "dead-time"), "Excite above a third of the sampling rate (steps, PRBS), or log faster."),
-        (("speed-filter", "dead-time"), "Log the motor angle too; excite above a third of the sampling rate."),
-        (("torque-ripple", "imbalance"), "Log the load angle, or turn the axis so that gravity acts differently."),
-        (("coulomb-motor", "coulomb-load"), "Record many slow reversals, or log the load speed or the "
-         "shaft torque."),
-        (("stribeck-motor", "stribeck-load"), "Record many slow reversals, or log the load speed or the shaft "
-         "torque."),
-        (("backlash", "hardening-stiffness"), "Record torque steps at several preloads: a preload "
-         "closes a gap, hardening goes on raising the resonance."),
-        (("friction-drift", "load-step"), "Repeat the record warm: a drift is gone, a load step is not "
-         "where it was."),
-        (("friction-drift", "quadratic-drag"), "Repeat the record warm and at several speeds."),
-        (("load-step", "quadratic-drag"), "Repeat the record at several speeds."),
-    ]}
-# On a linear drive these differ in nothing but in which noise goes through them.
-SAME_RESPONSE = frozenset(("converter-lag", "speed-filter"))
 NEEDS = "Record what tells them apart: "
 
 
@@ -81,8 +61,7 @@ def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
         return Decision(None, (), strength)
     close = [s for s in scores if s is best or ties(s, best, imitates)]
     codes = {s.model.code for s in close}
-    nests = {c.code: set(c.nests) for c in CANDIDATES}
-    simple = [s for s in close if not nests.get(s.model.code, set()) & codes]
+    simple = [s for s in close if not codes.intersection(special_cases(s.model.code))]
     best = max(simple, key=lambda s: s.gain)
     return Decision(best, tuple(s.model.code for s in sorted(simple, key=lambda s: -s.gain)), strength)
 
@@ -92,9 +71,8 @@ def with_use(scores: Sequence[Score]) -> list[Score]:
 
     On data held out they may still come out ahead, fitted under another noise.
     """
-    nests = {c.code: c.nests for c in CANDIDATES}
     return [s for s in scores if not any(
-        t.model.code in nests.get(s.model.code, ()) and s.lead - t.lead < SURPLUS * (s.further - t.further)
+        t.model.code in special_cases(s.model.code) and s.lead - t.lead < SURPLUS * (s.further - t.further)
         for t in scores)]
 
 
@@ -113,7 +91,7 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
     alike = pair in DECIDES
     if alike and one.lead - one.further > best.lead - best.further - SURPLUS:
         return True
-    if pair == SAME_RESPONSE and imitates(one, best):
+    if best.model.code in CAUSES and one.model.code in CAUSES[best.model.code].response and imitates(one, best):
         return True
     if one.gain <= SHARE * best.gain:
         return False
@@ -125,19 +103,15 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
 
 
-def mistaken_for(codes: Sequence[str]) -> set[str]:
-    """Causes that are known to look like one of these."""
-    return {other for pair in DECIDES for other in pair if pair & set(codes)}
-
-
 def experiment_between(codes: Sequence[str]) -> str:
     """What to record to decide between causes."""
     found = [DECIDES[frozenset((a, b))] for i, a in enumerate(codes) for b in codes[i + 1:]
              if frozenset((a, b)) in DECIDES]
     if found:
         return " ".join(dict.fromkeys(found))
-    from drivetool.drive.effects import EFFECTS
+    return NEEDS + "; ".join(f"for {code} {needs_of(CAUSES[code])}" for code in codes) + "."
 
-    effects = {c.code: c.effect for c in CANDIDATES}
-    needs = {e.code: e.needs for e in EFFECTS}
-    return NEEDS + "; ".join(f"for {code} {needs[effects[code]]}" for code in codes) + "."
+
+def special_cases(code: str) -> tuple[str, ...]:
+    """The causes that are special cases of one; none of what is no cause."""
+    return CAUSES[code].special if code in CAUSES else ()

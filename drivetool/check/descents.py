@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import CANDIDATES, Start, torque_size
+from drivetool.check.causes import FITTED
+from drivetool.check.causes.cause import Start
+from drivetool.check.causes.starts import torque_size
 from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, judge
 from drivetool.check.structure import carried
 from drivetool.identify.engine import Task, by_cooling
@@ -45,7 +47,7 @@ def descended(stand: Model, codes: Sequence[str], train: Sequence[Experiment], m
     codes  causes to try: those that have a descent
     train  records to fit to; masks: their samples in the problem of the base
     """
-    causes = {c.code: c for c in CANDIDATES if c.code in codes and c.code in LAWS}
+    causes = {c.code: c for c in FITTED if c.code in codes and c.code in LAWS}
 
     def work(code: str) -> _End | None:
         try:

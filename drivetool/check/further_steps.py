@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from drivetool.check.candidates import with_steps
-from drivetool.check.hypothesis import TOLD, TRIFLE, Tried, begin, values_of
+from drivetool.check.causes.load_step import with_steps
+from drivetool.check.hypothesis import TOLD, TRIFLE, begin, values_of
 from drivetool.check.instants import load_steps
 from drivetool.check.model import BROKEN, Masks, Model, fit
 from drivetool.check.needless import without_them
@@ -18,15 +18,15 @@ AMONG = 5.0  # standard deviations that it must have: chance makes four and a ha
 PLAIN = 30.0  # log likelihood that those before it must have brought
 
 
-def with_further_steps(tried: Tried, base: Model, masks: Masks) -> Tried:
+def with_further_steps(model: Model, base: Model, masks: Masks) -> Model:
     """A load that sets in, and every further instant at which one does.
 
     Beside a base that takes them all for noise of the torque, or bends its parameters to make up for them, only the
     largest is seen, and that at about its instant: under the noise that is left once it is known the others are.
     """
-    if tried.candidate.code != "load-step" or tried.model is None or tried.model.value > base.value - PLAIN:
-        return tried
-    best = tried.model
+    if model.value > base.value - PLAIN:
+        return model
+    best = model
     try:
         for _ in STEPS:
             best = without_trifles(best, base, masks)
@@ -36,7 +36,7 @@ def with_further_steps(tried: Tried, base: Model, masks: Masks) -> Tried:
             best = more
     except BROKEN:  # what was found before that stands
         pass
-    return tried if best is tried.model else replace(tried, models=(in_order(best), *tried.models[1:]))
+    return model if best is model else in_order(best)
 
 
 def in_order(model: Model) -> Model:

@@ -10,17 +10,17 @@ import numpy as np
 from scipy.special import gammaincc, gammaln
 
 from drivetool.check.allowance import allowed
+from drivetool.check.causes import FITTED
 from drivetool.check.folds import blocks_of
 from drivetool.check.model import Masks, Model, fit, judge, likeliest_noise, losses, over, spread, whitened
 from drivetool.check.samples import Samples
-from drivetool.drive.effects.load_step import TIMES
 from drivetool.identify.engine import looks_coloured
 from drivetool.identify.noise import filtered, fit_ratio, remembering
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import problem_of
 
-ONE_OFF = (*TIMES, ".drift_time")
-SEARCHED = (*ONE_OFF, ".ripple_order")
+ONE_OFF = tuple(suffix for cause in FITTED for suffix in cause.located)
+SEARCHED = tuple(suffix for cause in FITTED for suffix in cause.searched)
 LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
@@ -162,7 +162,7 @@ def price_of(model: Model, base: Model) -> float:
     test samples has had a say in it, which is taken off.
     """
     new = [n for n in model.task.free if n not in base.task.free]
-    return float(np.log(LOOKS)) * max(sum(n.endswith(TIMES) for n in new), any(n.endswith(SEARCHED) for n in new))
+    return float(np.log(LOOKS)) * sum(n.endswith(SEARCHED) for n in new)
 
 
 def score(model: Model, folds: Sequence[Fold]) -> Score:

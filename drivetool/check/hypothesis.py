@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, Start, added, needed, travel, why_absent
+from drivetool.check.absence import needed, why_absent
 from drivetool.check.causes import CAUSES
+from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.diagnosis import State
-from drivetool.check.instants import EARLY
 from drivetool.check.linear_step import alone, linear_step
 from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit, judge
-from drivetool.check.rattle import rattles
 from drivetool.check.search_bounds import bounded
 from drivetool.check.smallest import resolved_at
 from drivetool.check.structure import carried, third_of
-from drivetool.drive.effects.load_step import TIMES
 from drivetool.identify.engine import Task
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution, marquardt_step
@@ -28,7 +26,6 @@ from drivetool.identify.setup import problem_of
 from drivetool.identify.third_mass import tip_names
 
 BEGUN = 2  # starts with amplitudes that are worth a few steps, the most promising ones
-GAP = "backlash"
 KEPT = 2  # ends of a first round that may be fitted to the end
 AHEAD = 50.0  # log likelihood by which the best of them must lead to be the only one
 CLOSE = 0.7  # of what the best of them gains, by which one of another kind may be behind it
@@ -36,7 +33,6 @@ TRIFLE = 2.0  # log likelihood gained on the records it was fitted to, below whi
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 HOPELESS = 20.0  # log likelihood above the base after two rounds, from which a refit of it is given up
 PACE = (0.02, 0.02, 0.2)  # of what a quieter noise costs, that a fit makes up by each round, or it is given up
-SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted
 NEEDED = 10.0  # log likelihood that a cause must be worth whose size has no standard error to go by
 
 
@@ -51,7 +47,7 @@ class Tried:
     promise   log likelihood that a linear step at the base would gain; zero if none was tried
     """
 
-    candidate: Candidate
+    candidate: Cause
     models: tuple[Model, ...]
     smallest: dict[str, float]
     reason: str = ""
@@ -79,7 +75,7 @@ class Begun:
     std: dict[str, float]
 
 
-def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | None = None) -> Tried:
+def attempt(candidate: Cause, base: Model, masks: Masks, before: Tried | None = None) -> Tried:
     """A few steps of a cause from all its starts; a fit that fails is a result.
 
     before   the same cause on top of a base that has since been improved: it goes on from there, or stays
@@ -94,7 +90,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
     begun, reason = [], "every fit failed"
     for start in starts:
         try:
-            begun.append(begin(base, start, masks, CAUSES[candidate.code].sizes))
+            begun.append(begin(base, start, masks, candidate.sizes))
         except BROKEN as error:
             reason = str(error)
     resolved = dict(before.smallest) if before is not None else resolved_at(base, candidate, [b.std for b in begun])
@@ -109,7 +105,7 @@ def attempt(candidate: Candidate, base: Model, masks: Masks, before: Tried | Non
             reason = str(error)
     # Beside the parameters of a base that made up for the cause, its amplitudes may be nowhere near an optimum.
     found += [] if before is None else before.models
-    further = rattles(base, masks)[:KEPT] if candidate.code == GAP and before is None else []
+    further = candidate.ends(base, masks)[:KEPT] if candidate.ends is not None and before is None else []
     found = sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)[:KEPT]
     found = sorted((*found, *further), key=lambda m: m.value)
     if not found:
@@ -148,10 +144,11 @@ def also(tried: Tried, end: Model | None) -> Tried:
 def polished(tried: Tried, masks: Masks, base: Model) -> Tried:
     """The best ends of a first round fitted to the end, over a base."""
     ends, reason = [], ""
-    for model in _contenders(tried.models, base):
+    for model in _contenders(tried.models, base, tried.candidate.rough):
         try:
             end = fit(model.code, model.task, model.problem, model.point, model.noise, masks)
-            ends.append(at_rest(end, masks) if model.code == GAP else damped(end, base, masks))
+            end = at_rest(end, masks) if tried.candidate.rough else end
+            ends.append(end if tried.candidate.refined is None else tried.candidate.refined(end, base, masks))
         except BROKEN as error:
             reason = str(error)
     if not ends:
@@ -159,41 +156,19 @@ def polished(tried: Tried, masks: Masks, base: Model) -> Tried:
     return replace(tried, models=tuple(sorted(ends, key=lambda m: m.value)))
 
 
-def damped(model: Model, base: Model, masks: Masks) -> Model:
-    """The model with the damping of its lag of second order fitted too, where that pays.
-
-    Free from the start, it would make a lag of first order one of second order with two bandwidths.
-    """
-    drive = model.task.drive
-    names = [f"{owner}.damping" for owner in ("converter", "sensor") if f"{owner}.bandwidth" in model.task.free
-             and f"{owner}.bandwidth" not in base.task.free and drive.value(f"{owner}.order") == 2.0]
-    if not names or names[0] in model.task.free:
-        return model
-    start = added(model, {names[0]: drive.value(names[0])}, ()).task
-    trial = _refitted(model, start, base, masks)
-    if trial.value > model.value - SHAPED:
-        return model
-    # Damped so much it is one of first order, whose two values nothing tells apart.
-    drive, (bandwidth, order) = trial.fitted.drive, (names[0].replace("damping", n) for n in ("bandwidth", "order"))
-    plain = trial.fitted.at({bandwidth: drive.value(bandwidth) / (2.0 * drive.value(names[0])), order: 1.0,
-                             names[0]: drive.quantity(names[0]).neutral})
-    simple = _refitted(trial, replace(plain, free=tuple(n for n in plain.free if n != names[0])), base, masks)
-    return simple if simple.value < trial.value + SHAPED else trial
-
-
-def _refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:
+def refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:
     """A cause fitted with other parameters free, from where it is."""
     problem = bounded(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
     return fit(model.code, task, problem, carried(model, task, problem), model.noise, masks)
 
 
-def _contenders(models: Sequence[Model], base: Model) -> list[Model]:
+def _contenders(models: Sequence[Model], base: Model, rough: bool) -> list[Model]:
     """The best end, those close to it, and those of another kind that gain nearly as much.
 
     Under a torque noise that has yet to fall, a lag of the wrong order, or a drag on the wrong body, may be ahead.
-    Of a gap all ends: which of its valleys is the deepest is not known from above.
+    Where the likelihood is rough all ends: which of its valleys is the deepest is not known from above.
     """
-    if models[0].code == GAP:
+    if rough:
         return list(models)
     best = models[0]
     close = CLOSE * (base.value - best.value)
@@ -234,18 +209,13 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     """The same, absent if its amplitudes are not to be told from zero: what gained then is the rest of the fit.
 
     Where parameters trade against one another a standard error says little: the base begun there decides. Not over
-    a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none. Nor is a
-    warm-up one of which the record does not show the end, a ripple one that does not repeat, or a lag one that
-    leaves no trace.
+    a third mass, whose start state alone, swinging out, may be what gains: without inertia it is none. What its own
+    file finds implausible is none either.
     """
-    if tried.model is not None and _endless(tried.model):
-        return replace(tried, reason="it would take longer than the record to show, or no time", absent="no-gain")
-    if tried.model is not None and _traceless(tried.model, base):
-        return replace(tried, reason="it would be too short to leave a trace", absent="no-gain")
-    if tried.model is not None and _unrepeated(tried.model):
-        return replace(tried, reason="it would not repeat in the record", absent="no-gain")
-    if tried.model is not None and _at_an_end(tried.model):
-        return replace(tried, reason="it would set in where the record begins or ends", absent="no-gain")
+    if tried.model is not None and tried.candidate.implausible is not None:
+        why = tried.candidate.implausible(tried.model, base)
+        if why:
+            return replace(tried, reason=why, absent="no-gain")
     longer = tried.model is not None and tried.model.task.drive.bodies != base.task.drive.bodies
     if not (tried.smallest or longer) or tried.model is None:
         return tried
@@ -253,7 +223,7 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
         found = {p.name: abs(p.value / p.std) for p in values_of(tried.model, base) if p.std}
     except BROKEN:
         return tried
-    own = CAUSES[tried.candidate.code].sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
+    own = tried.candidate.sizes  # of Stribeck friction the surplus: without it, it is Coulomb friction
     named = tip_names(base.task.drive, third_of(tried.model.task.drive))[:1] if longer else tried.smallest
     sizes = [found[n] for n in named if n in found and (longer or n.rpartition(".")[2] in own)]
     if longer and not sizes:
@@ -263,35 +233,10 @@ def sizeable(tried: Tried, base: Model, masks: Masks) -> Tried:
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
 
 
-def _endless(model: Model) -> bool:
-    """Whether a time constant of a warm-up lies on a bound."""
-    values = zip(model.task.free, model.point.values, model.problem.low, model.problem.high, strict=True)
-    return any(n.endswith(".drift_time") and not 1.01 * low < value < 0.99 * high for n, value, low, high in values)
-
-
-def _traceless(model: Model, base: Model) -> bool:
-    """Whether a lag is as short as is looked for: then the rest of its fit gains, and it is none."""
-    return any(n.endswith(".bandwidth") and n not in base.task.free and value > 0.99 * high
-               for n, value, high in zip(model.task.free, model.point.values, model.problem.high, strict=True))
-
-
-def _unrepeated(model: Model) -> bool:
-    """Whether the motor does not go through a period of a ripple: then it is an offset by another name."""
-    values = zip(model.task.free, model.point.values, strict=True)
-    return any(n.endswith(".ripple_order") and value * travel(model) < 2.0 * np.pi for n, value in values)
-
-
-def _at_an_end(model: Model) -> bool:
-    """Whether a load sets in so near to an end of every stretch that nothing tells it from a sample gone wrong."""
-    times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(TIMES)]
-    return any(not any(t.origin + EARLY <= time <= t.origin + t.size * t.step - EARLY for t in model.problem.traces)
-               for time in times)
-
-
 def place_of(model: Model) -> float | None:
     """The order of a ripple, or the instant at which a load sets in; None of a cause without."""
-    found = [v for n, v in model.fitted.drive.values.items()
-             if n in model.task.free and n.endswith((".ripple_order", ".step_time"))]
+    places = tuple(c.place for c in CAUSES.values() if c.place)
+    found = [v for n, v in model.fitted.drive.values.items() if n in model.task.free and n.endswith(places)]
     return float(found[-1]) if found else None
 
 
@@ -339,7 +284,7 @@ def _promising(begun: Sequence[Begun]) -> list[Begun]:
     return [*untold, *[b for b in told[:BEGUN] if not untold or b.promise > TRIFLE]]
 
 
-def _screened(candidate: Candidate, resolved: dict[str, float]) -> Tried:
+def _screened(candidate: Cause, resolved: dict[str, float]) -> Tried:
     """A cause whose amplitudes the innovations at the base do not ask for."""
     if resolved and not any(np.isfinite(v) for v in resolved.values()):
         return Tried(candidate, (), resolved, needed(candidate), "not-shown")

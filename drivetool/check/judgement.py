@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.by_speed import share_by_speed
+from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import UNLISTED, Gain
 from drivetool.check.model import BROKEN
 from drivetool.check.noise_run import error_by_noise
@@ -22,7 +23,6 @@ UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before
 WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes that are true do not raise it
 PART = 0.3  # of that error, or of what could be explained, that is part of the answer
 SURELY = 2.0  # standard errors of a gain on data held out
-EVENTS = ("load-step", "friction-drift")  # which blocks of a record see unequally
 PLAIN = 50.0  # log likelihood on data held out from which an event is one whatever blocks say
 SOME = 0.05  # of the torque's spread: a noise of the torque as drives have it
 FORETOLD = 1.5  # of the error that noise makes, up to which it is no sign of anything else
@@ -139,7 +139,7 @@ def hardly_told(search: Search) -> list[str]:
     """
     return [c.code for one in search.rounds for c in one.candidates
             if c.code == one.cause and c.code in search.found.causes and not c.sure
-            and c.code not in search.found.sure and not (c.code in EVENTS and (c.gain or 0.0) > PLAIN)]
+            and c.code not in search.found.sure and not (CAUSES[c.code].event and (c.gain or 0.0) > PLAIN)]
 
 
 def stands_in(search: Search) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import FITTED
 from drivetool.check.diagnosis import Round
 from drivetool.check.found import Found
 from drivetool.check.heldout import unlikely
@@ -17,7 +17,7 @@ from drivetool.check.structure import carried, third_of, without_third
 from drivetool.drive.chain import Drive
 from drivetool.identify.third_mass import tip_names
 
-NESTED = {c.code: c.nests for c in CANDIDATES if c.nests}  # code -> its special cases
+NESTED = {c.code: c.special for c in FITTED if c.special}  # code -> its special cases
 
 
 def spared(model: Model, found: Found, first: Drive, asked: Collection[str], masks: Masks, budget: float,

@@ -14,7 +14,7 @@ from itertools import product
 
 import numpy as np
 
-from drivetool.check.candidates import added, present, torque_size
+from drivetool.check.causes.starts import added, present, torque_size
 from drivetool.check.model import BROKEN, Masks, Model, everything, first_noise, fit, judge
 from drivetool.check.structure import carried
 from drivetool.identify.engine import Outcome, Task

@@ -12,15 +12,13 @@ from drivetool.check.afresh import at_start, beside_gap, likelier, returned, str
 from drivetool.check.afterwards import SPOILT, doubts_again, drop_needless, look_alikes_again
 from drivetool.check.arrival import all_arrived
 from drivetool.check.between_records import Change, change_between
-from drivetool.check.candidates import CANDIDATES, Candidate
-from drivetool.check.causes import CAUSES
-from drivetool.check.decide import LEFT, Decision, decide, mistaken_for
+from drivetool.check.causes import CAUSES, FITTED, mistaken_for
+from drivetool.check.causes.cause import Cause
+from drivetool.check.decide import LEFT, Decision, decide
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import exact, forecast, gain_of, unexplained_percent
 from drivetool.check.found import Found
-from drivetool.check.further_orders import with_another_order
-from drivetool.check.further_steps import with_further_steps
 from drivetool.check.heldout import Score, both, folds_of, in_one_place, score, total_evidence
 from drivetool.check.hypothesis import (
     TRIFLE,
@@ -47,7 +45,6 @@ from drivetool.logs.experiment import Experiment
 from drivetool.progress import counted
 
 WORKERS = 2
-RIPPLE = "torque-ripple"
 REFITS = 2  # of the base, from where causes took its parameters
 JUDGED = 8  # causes that are judged on held-out samples, the likeliest first
 CHANCE = 0.15  # of the best gain, below which a cause cannot come out as good as the best
@@ -68,7 +65,7 @@ class Search:
         self.first, self.options, self.samples, self.faults = base, options, samples, list(faults)
         # A law that contains another one gains where the other is true: that is tried too, asked for or not.
         special = {code for c in wanted for code in NESTED.get(c, ())}
-        self.candidates = [c for c in CANDIDATES if c.code in {*wanted, *special}]
+        self.candidates = [c for c in FITTED if c.code in {*wanted, *special}]
         self.asked, self.unasked, self.possible = frozenset(wanted), "", frozenset(CAUSES)
         self.masks, self.train, self.held = fitted_samples(samples), tuple(train), held_out(samples)
         self.origin = base
@@ -147,7 +144,7 @@ class Search:
         unseen = (mistaken_for(decision.between) & self.possible) - {t.candidate.code for t in tried}
         if not unseen:
             return list(scores)
-        return [*scores, *self.judged(self.attempts(among=[c for c in CANDIDATES if c.code in unseen]))]
+        return [*scores, *self.judged(self.attempts(among=[c for c in FITTED if c.code in unseen]))]
 
     def _afresh(self, tried: Sequence[Tried]) -> list[Tried]:
         """The causes, those that are likelier so from the values that the base was once started from.
@@ -164,7 +161,7 @@ class Search:
                 for t, m in zip(likely, models, strict=True)}
         return [back.get(t.candidate.code, t) for t in tried]
 
-    def attempts(self, before: Mapping[str, Tried] | None = None, among: Sequence[Candidate] = (),
+    def attempts(self, before: Mapping[str, Tried] | None = None, among: Sequence[Cause] = (),
                  stand: Model | None = None) -> list[Tried]:
         """Every cause on top of the base; those that have a chance after a few steps are fitted to the end.
 
@@ -179,8 +176,7 @@ class Search:
                     lambda c: attempt(c, stand, self.masks, before.get(c.code)), among), len(among))]
             likely = self._likely(tried, promised=True, over=stand)
             fitted = counted(f"round {len(self.rounds) + 1}: causes fitted", pool.map(
-                lambda t: with_further_steps(beside_gap(
-                    polished(t, self.masks, stand), begun, self.masks), stand, self.masks), likely), len(likely))
+                lambda t: beside_gap(polished(t, self.masks, stand), begun, self.masks), likely), len(likely))
             fitted = all_arrived(list(fitted), stand, self.masks, pool)
             ends = self._with_special_cases(fitted, tried)
             sized = dict(zip(ends, pool.map(lambda t: sizeable(t, self.model, self.masks), ends.values()),
@@ -327,15 +323,16 @@ class Search:
         self.ends = {}  # they lack what is adopted now
         rested = heard_afresh(returned(at_rest(best.model, self.masks), self.begun, self.masks), self.masks)
         self.trained = best.trained
-        rested, gain = self._with_further_orders(rested, best.gain)
+        rested, gain = self._with_others(rested, best.gain)
         added = [n for n in rested.task.free if n not in before]
         self.found.take(best.model.code, decision, added, gain, places)
         # Across a gap, say, friction of the motor and of the load are no longer the same.
         self.model = with_parts(rested, self.masks)
 
-    def _with_further_orders(self, model: Model, gain: float) -> tuple[Model, float]:
-        """(the model, a ripple with every order that the records ask for and data held out agree to; its gain)."""
-        while model.code == RIPPLE and (more := with_another_order(model, self.masks)) is not None:
+    def _with_others(self, model: Model, gain: float) -> tuple[Model, float]:
+        """(the model with all of the kind that the records ask for and data held out agree to; its gain)."""
+        another = CAUSES[model.code].another
+        while another is not None and (more := another(model, self.masks)) is not None:
             known = score(more, self.folds)
             stage = self.gain_between(self.trained, known.trained)
             if known.gain < gain or stage.held_out_rmse_after > (1.0 + SPOILT) * stage.held_out_rmse_before:

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivetool.check.afresh import at_start, strayed
 from drivetool.check.afterwards import SPOILT
-from drivetool.check.candidates import torque_size
+from drivetool.check.causes.starts import torque_size
 from drivetool.check.decide import Decision, decide
 from drivetool.check.descents import GAP, descended, gap_alone, with_gap
 from drivetool.check.diagnosis import CandidateResult, Round

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.candidates import Candidate, turns
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.starts import largest_torque
 from drivetool.check.linear_step import alone, linear_step
 from drivetool.check.model import BROKEN, Model
 from drivetool.check.structure import carried
@@ -21,7 +21,7 @@ from drivetool.identify.setup import problem_of
 VISIBLE = 6.0
 
 
-def resolved_at(base: Model, candidate: Candidate, each: Sequence[Mapping[str, float]]) -> dict[str, float]:
+def resolved_at(base: Model, cause: Cause, each: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Size -> its standard deviation at a base; infinite of a torque that would exceed all that the motor gives.
 
     each  of every start with amplitudes: theirs; of several speeds, orders or instants the middle one counts
@@ -30,13 +30,13 @@ def resolved_at(base: Model, candidate: Candidate, each: Sequence[Mapping[str, f
     for start in each:
         for name, std in start.items():
             told.setdefault(name, []).append(std)
-    found = {n: float(np.quantile(s, 0.5, method="lower")) for n, s in told.items()} or _traced(candidate, base)
-    drive, most = base.task.drive, max(float(np.abs(t.inputs[:, 0]).max()) for t in base.problem.traces)
-    return {n: np.inf if drive.unit(n) == drive.torque_unit and VISIBLE * std > most * turns(
+    found = {n: float(np.quantile(s, 0.5, method="lower")) for n, s in told.items()} or _traced(cause, base)
+    drive = base.task.drive
+    return {n: np.inf if drive.unit(n) == drive.torque_unit and VISIBLE * std > largest_torque(
         base, n.rpartition(".")[0]) else std for n, std in found.items()}
 
 
-def resolved_by(candidate: Candidate, before: Mapping[str, float], model: Model, base: Model) -> dict[str, float]:
+def resolved_by(cause: Cause, before: Mapping[str, float], model: Model, base: Model) -> dict[str, float]:
     """The same under the noise that the cause leaves, once it is known.
 
     A base that lacks a cause takes much of it for noise, and what that hides would count as not seen. A gap or a
@@ -48,20 +48,20 @@ def resolved_by(candidate: Candidate, before: Mapping[str, float], model: Model,
         return {}
     try:
         normal = normal_under(model.problem, model.point, model.noise)
-        if candidate.trace is None:
-            found = _amplitudes(candidate, before, model, base, normal)
+        if cause.trace is None:
+            found = _amplitudes(cause, before, model, base, normal)
         else:
             variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
-            found = _traced(candidate, _without(model, base), variance)
+            found = _traced(cause, _without(model, base), variance)
     except BROKEN:
         return dict(before)
     return {n: min(was, found.get(n, was)) for n, was in before.items()}
 
 
-def _amplitudes(candidate: Candidate, before: Mapping[str, float], model: Model, base: Model,
+def _amplitudes(cause: Cause, before: Mapping[str, float], model: Model, base: Model,
                 normal: Normal) -> dict[str, float]:
     """By the equations at the fitted model, the cause's other amplitudes zero."""
-    free, sizes = model.task.free, CAUSES[candidate.code].sizes
+    free, sizes = model.task.free, cause.sizes
     own = np.array([n in before and n.rpartition(".")[2] in sizes for n in free])
     rest = np.array([n in before or n in base.task.free for n in free]) & ~own
     return dict(zip(free, alone(model.problem, normal, own, rest).tolist(), strict=True))
@@ -75,14 +75,14 @@ def _without(model: Model, base: Model) -> Model:
     return replace(base, task=task, point=Point(values, base.point.starts), noise=model.noise)
 
 
-def _traced(candidate: Candidate, base: Model, variance: float | None = None) -> dict[str, float]:
+def _traced(cause: Cause, base: Model, variance: float | None = None) -> dict[str, float]:
     """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any.
 
     variance  of the one-step errors over what the noise foretells; None: as the base leaves them
     """
-    if candidate.trace is None:
+    if cause.trace is None:
         return {}
-    start = candidate.trace(base)
+    start = cause.trace(base)
     task = start.task
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     point = carried(base, task, problem)

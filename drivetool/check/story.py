@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivetool.check.absence import law_of, needed
 from drivetool.check.between_records import finding_of, told_apart
-from drivetool.check.candidates import needed, torque_size
-from drivetool.check.causes import of_cause
+from drivetool.check.causes import CAUSES
+from drivetool.check.causes.starts import FAST, torque_size
 from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
 from drivetool.check.exhibits import exhibits_of, view_of
@@ -22,12 +23,10 @@ from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
 from drivetool.check.preflight import Fault
 from drivetool.check.rattle import confirmed
-from drivetool.check.search_bounds import FAST
 from drivetool.check.sentence import experiment_of, sentence_of
 from drivetool.check.smallest import VISIBLE, resolved_by
 from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
-from drivetool.drive.effects import EFFECTS
 from drivetool.drive.effects.load_step import RECORDS
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
@@ -45,7 +44,6 @@ SHOWN = 3.0  # standard deviations from which a parameter of the base is one
 SETTLED = 5.0  # log likelihood by which the last fit may still move
 SLOWER = 0.7  # of the rate at which torque noise forgets
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
-LAWS = {e.code: e.law for e in EFFECTS} | {"shaft": "a further inertia behind a further shaft"}
 
 
 def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision,
@@ -58,7 +56,7 @@ def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decisi
     lines, most = [], max((base.value - t.model.value for t in tried if t.model is not None), default=0.0)
     for t in tried:
         code, s = t.candidate.code, by_code.get(t.candidate.code)
-        common = (code, LAWS.get(t.candidate.effect, ""))
+        common = (code, law_of(t.candidate))
         found = t.smallest if s is None or code not in decision.between else resolved_by(
             t.candidate, t.smallest, s.model, base)
         sizes = _visible(found, FAST * base.problem.traces[0].step)
@@ -159,7 +157,7 @@ def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
     shown = tuple(p for p in estimate.parameters if p.std and abs(p.value) > SHOWN * p.std)
     had = [c.code for c in rounds[0].candidates if c.state == "in-the-model"] if rounds else []
     # An idle torque that the base has is its own, and no offset of a sensor.
-    return [c for c in had if c != "torque-offset" and any(of_cause(c, p.name) for p in shown)]
+    return [c for c in had if c != "torque-offset" and any(CAUSES[c].has(p.name) for p in shown)]
 
 
 def _doubting(one: Round, code: str) -> Round:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivetool.check.candidates import turns
+from drivetool.check.causes import CAUSES
+from drivetool.check.causes.starts import turns
 from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
@@ -14,9 +15,6 @@ from drivetool.errors import Finding
 if TYPE_CHECKING:
     from drivetool.check.rounds import Search
 
-# Cause -> suffix of its one parameter, and the power of the gear by which a value behind it counts less.
-POWERS: Mapping[str, tuple[str, int]] = {"asymmetric-friction": ("viscous_asymmetry", 2),
-                                         "quadratic-drag": ("drag", 3)}
 ALIKE = 4.0  # log likelihood within which the record does not tell
 
 
@@ -24,10 +22,11 @@ def untold_bodies(search: Search) -> list[Finding]:
     """What to say of laws that would explain the records as well on another body of the drive."""
     bodies, found = search.model.task.drive.bodies, []
     for code in search.found.causes:
-        suffix, power = POWERS.get(code, ("", 0))
-        names = [f"{b}.{suffix}" for b in bodies]
+        if not CAUSES[code].power:
+            continue
+        names = [f"{b}.{CAUSES[code].sizes[0]}" for b in bodies]
         for name in [n for n in names if n in search.found.added.get(code, ())]:
-            found += _elsewhere(search, name, [n for n in names if n != name], power)
+            found += _elsewhere(search, name, [n for n in names if n != name], CAUSES[code].power)
     return found
 
 

@@ -86,5 +86,5 @@ def _effect(effect: Effect) -> dict[str, Any]:
 def _cause(code: str) -> dict[str, Any]:
     """A cause that is no effect of the drive itself, in the same form."""
     cause = CAUSES[code]
-    return {"code": code, "of": "the chain" if code == "third-mass" else "the recording", "law": cause.text,
+    return {"code": code, "of": cause.of, "law": cause.text,
             "parameters": {}, "needs": cause.needs, "source": "", "diagnosed_as": {code: cause.name}}

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.hypothesis import _contenders, _unrepeated
+from drivetool.check.causes import CAUSES
+from drivetool.check.hypothesis import _contenders
 from drivetool.drive.chain import two_mass
 
 
@@ -21,7 +22,7 @@ def end(value, order=2.0, owner="motor"):
 def test_a_lag_of_another_order_and_a_law_of_another_body_are_given_up_later(behind, order, owner, kept):
     """Of a gain of 1000: fifty behind is too much for the same law, seven tenths of it for one of another kind."""
     best, other = end(-1000.0, 1.0), end(-1000.0 + behind, order, owner)
-    assert _contenders([best, other], end(0.0)) == [best, *([other] if kept else [])]
+    assert _contenders([best, other], end(0.0), False) == [best, *([other] if kept else [])]
 
 
 @pytest.mark.parametrize(("role", "turns", "order", "none"), [
@@ -35,4 +36,5 @@ def test_a_ripple_that_does_not_repeat_is_none(role, turns, order, none):
     model = SimpleNamespace(
         task=SimpleNamespace(free=("motor.ripple_order",), roles=SimpleNamespace(outputs=(role,))),
         point=SimpleNamespace(values=np.array([order])), problem=SimpleNamespace(traces=[trace]))
-    assert _unrepeated(model) == none
+    base = SimpleNamespace(task=SimpleNamespace(free=()))
+    assert bool(CAUSES["torque-ripple"].implausible(model, base)) == none

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from drivetool.check import hypothesis
-from drivetool.check.candidates import CANDIDATES, added
+from drivetool.check.causes import FITTED
+from drivetool.check.causes.starts import added
 from drivetool.check.diagnose import base_model
 from drivetool.check.heldout import both, cautious
 from drivetool.check.hypothesis import NEEDED, Tried, attempt, sizeable
@@ -116,7 +117,7 @@ def coulomb_beside(base, value):
 def test_a_cause_that_is_begun_again_is_not_lost(monkeypatch):
     """Beside a base that has taken its parameters over its fit may end anywhere."""
     base, _ = one_sensor(20)
-    model, cause = coulomb_beside(base, base.value - 50.0), next(c for c in CANDIDATES if c.code == "coulomb-motor")
+    model, cause = coulomb_beside(base, base.value - 50.0), next(c for c in FITTED if c.code == "coulomb-motor")
     monkeypatch.setattr(hypothesis, "fit", lambda *_, **__: replace(model, value=base.value + 1e3))
     assert attempt(cause, base, everything(base.problem), Tried(cause, (model,), {})).model is model
 
@@ -130,5 +131,5 @@ def test_a_cause_without_a_standard_error_to_go_by_must_be_worth_something(monke
     line = Parameter("motor.coulomb", 1.0, "Nm", 0.0, 10.0, (-19.0, 21.0))
     monkeypatch.setattr(hypothesis, "values_of", lambda *_: (line,))
     monkeypatch.setattr(hypothesis, "without", lambda model, *_: replace(model, value=model.value + worth))
-    tried = Tried(next(c for c in CANDIDATES if c.code == "coulomb-motor"), (model,), {"motor.coulomb": 1.0})
+    tried = Tried(next(c for c in FITTED if c.code == "coulomb-motor"), (model,), {"motor.coulomb": 1.0})
     assert sizeable(tried, base, everything(base.problem)).absent == absent

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check import rounds, story
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import FITTED
 from drivetool.check.decide import Decision, decide, ties
 from drivetool.check.folds import blocks_of
 from drivetool.check.forecast import Forecast, blocks_under_test, gain_of
@@ -79,7 +79,7 @@ def test_a_cause_that_ran_away_has_a_line_without_values(monkeypatch):
     found.model.value, found.model.problem = 100.0, SimpleNamespace(traces=(SimpleNamespace(step=1e-3, record=1),))
     found.model.task.drive = SimpleNamespace(values={})
     base = SimpleNamespace(value=300.0, problem=found.model.problem)
-    candidate = next(c for c in CANDIDATES if c.code == found.model.code)
+    candidate = next(c for c in FITTED if c.code == found.model.code)
     (line,) = story.results_of([Tried(candidate, (found.model,), {})], [found], decide([found], 0.01), base, 0.0)
     assert (line.state, line.parameters) == ("named", ()) and line.gain == found.gain
 
@@ -106,7 +106,7 @@ def test_a_special_case_that_lost_its_way_is_begun_where_the_law_ended(monkeypat
         return simple if simple.candidate.code == "coulomb-motor" else replace(simple, promise=9.0)
 
     monkeypatch.setattr(rounds, "as_special_case", refitted)
-    tried = [Tried(c, (), {}) for c in CANDIDATES if c.code in (
+    tried = [Tried(c, (), {}) for c in FITTED if c.code in (
         "coulomb-motor", "coulomb-load", "stribeck-motor", "stribeck-load", "imbalance")]
     fitted = [t for t in tried if t.candidate.code.startswith("stribeck")]
     ends = Search._with_special_cases(SimpleNamespace(masks=()), fitted, tried)

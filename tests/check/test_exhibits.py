@@ -13,7 +13,7 @@ from drivetool.drive.chain import two_mass
 from drivetool.files import plots
 from drivetool.files.report_figures import kinds, svg
 from drivetool.logs.experiment import Experiment
-from tests.diagnosed import CANDIDATES, STEP, views
+from tests.diagnosed import FITTED, STEP, views
 
 INERTIA = 5.766
 
@@ -25,7 +25,7 @@ def by_kind(found):
 
 def test_all_kinds_are_made_and_drawn_with_the_same_bytes():
     made = [replace(v, angle=v.angle + 5.0 * v.time) for v in views()]
-    found = exhibits_of(made, INERTIA, [Round("backlash", CANDIDATES)], 0.02)
+    found = exhibits_of(made, INERTIA, [Round("backlash", FITTED)], 0.02)
     assert [e.kind for e in found] == [
         "diagnosis-record", "diagnosis-record", "diagnosis-residual-time", "diagnosis-residual-time",
         "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
@@ -154,7 +154,7 @@ def test_a_view_comes_from_two_runs():
 
 
 def test_candidates_are_sorted_and_those_without_a_gain_are_left_to_the_table():
-    found = exhibits_of(views(second=False), INERTIA, [Round("backlash", CANDIDATES[::-1])])[-1]
+    found = exhibits_of(views(second=False), INERTIA, [Round("backlash", FITTED[::-1])])[-1]
     assert list(found.curves) == ["backlash: named", "hardening-stiffness: worse", "dead-time: no-gain"]
     assert found.curves["backlash: named"][0][0] == 1234.0 and found.curves["backlash: named"][1][0] == 41.0
 

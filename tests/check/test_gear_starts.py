@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import FITTED
 from drivetool.check.hypothesis import begin
 from drivetool.check.model import everything, from_start
 from drivetool.drive.chain import two_mass
@@ -42,7 +42,7 @@ def bases():
 
 @pytest.mark.parametrize("code", CODES)
 def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
-    candidate = next(c for c in CANDIDATES if c.code == code)
+    candidate = next(c for c in FITTED if c.code == code)
     plain, geared = (candidate.starts(base) for base in bases)
     assert plain and len(plain) == len(geared)
     masks = everything(bases[0].problem)

@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import FITTED
 from drivetool.check.diagnose import base_model
 from drivetool.check.hypothesis import attempt, polished
 from drivetool.check.model import Model, everything
@@ -36,7 +36,7 @@ def fitted(coulomb: tuple[float, ...]) -> Model:
     ("stribeck-load", {"gear.stribeck", "gear.coulomb", "arm.stribeck", "arm.coulomb"}),
     ("quadratic-drag", {"motor.drag", "gear.drag", "arm.drag"})])
 def test_friction_behind_the_motor_is_looked_for_on_every_body(code, amplitudes):
-    starts = next(c for c in CANDIDATES if c.code == code).starts(fitted((0.0, 1.5, 0.0)))
+    starts = next(c for c in FITTED if c.code == code).starts(fitted((0.0, 1.5, 0.0)))
     assert {name for start in starts for name in start.amplitudes} == amplitudes
 
 
@@ -45,7 +45,7 @@ def test_friction_behind_the_motor_is_looked_for_on_every_body(code, amplitudes)
 def test_dry_friction_behind_the_motor_is_found_on_its_body(coulomb, body):
     base = fitted(coulomb)
     masks = everything(base.problem)
-    candidate = next(c for c in CANDIDATES if c.code == "coulomb-load")
+    candidate = next(c for c in FITTED if c.code == "coulomb-load")
     best = polished(attempt(candidate, base, masks), masks, base).model
     assert f"{body}.coulomb" in best.task.free and base.value - best.value > 500.0
     assert best.fitted.drive.value(f"{body}.coulomb") == pytest.approx(1.5, rel=0.01)

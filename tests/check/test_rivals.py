@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.candidates import CANDIDATES
+from drivetool.check.causes import FITTED
 from drivetool.check.decide import Decision
 from drivetool.check.found import Found, rivals_with, rivals_without
 from drivetool.check.hypothesis import Tried, sizeable
@@ -192,6 +192,6 @@ def test_a_swing_from_the_start_is_no_third_mass():
     task = with_tip(base, 0.003, 0.4 / resonance(machine), 0.2)
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
     model = fit("third-mass", task, problem, carried(base, task, problem), base.noise, masks)
-    third = next(c for c in CANDIDATES if c.code == "third-mass")
+    third = next(c for c in FITTED if c.code == "third-mass")
     assert model.value < base.value - 100.0
     assert sizeable(Tried(third, (model,), {}), base, masks).absent == "no-gain"

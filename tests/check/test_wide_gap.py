@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.candidates import torque_size
+from drivetool.check.causes.starts import torque_size
 from drivetool.check.model import everything, from_start
 from drivetool.check.scan import GAPS, half_gaps
 from drivetool.drive.chain import two_mass

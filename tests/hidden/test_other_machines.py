@@ -17,7 +17,7 @@ from tests.hidden.start import write_start
 from tests.simulator.machine import Machine
 
 PLAIN = ["--hold", "motor.coulomb"]
-CANDIDATES = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness,load-step"]
+FITTED = ["--candidates", "third-mass,load-dependent-damping,hardening-stiffness,load-step"]
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_a_record_held_out_of_the_same_machine_differs_in_nothing(tmp_path):
     case = make_case("none", 901, seed=4, duration=6.0)
     record = log(tmp_path, case, profile("reversing", case.rig, 4))
     other = log(tmp_path, case, profile("reversing", case.rig, 5), "other", seed=5)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, [*CANDIDATES, "--holdout", other.name])
+    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, [*FITTED, "--holdout", other.name])
     assert answer.verdict == "nothing-found" and "differs" not in answer.talk
 
 
@@ -62,7 +62,7 @@ def test_a_mass_in_front_of_the_load_and_its_sensor_is_a_third_mass_too(tmp_path
     start = replace(plan.start, speeds=(*plan.start.speeds, plan.start.speeds[-1]),
                     twists=(*plan.start.twists, 0.0))
     record = log(tmp_path, case, replace(plan, start=start), machine=machine)
-    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, CANDIDATES)
+    answer = ask(tmp_path, [record], write_start(case, tmp_path), PLAIN, FITTED)
     assert (answer.verdict, answer.causes) == ("named", ("third-mass",)), answer.talk
     true = dict(zip(("motor", "middle", "load"), machine.inertia, strict=True))
     for body, inertia in true.items():

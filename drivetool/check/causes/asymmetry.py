@@ -1,0 +1,33 @@
+"""Friction that depends on the direction."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Bounds, Cause, Start
+from drivetool.check.causes.starts import largest_torque, motion, on_any_body
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+    from drivetool.identify.engine import Task
+
+
+def _starts(base: Model) -> list[Start]:
+    return on_any_body(base, "viscous_asymmetry")
+
+
+def _bounds(base: Model, task: Task) -> Bounds:
+    """At most all that the motor gives, at the fastest motion."""
+    found = {}
+    for name in (n for n in task.free if n.endswith(".viscous_asymmetry")):
+        body = name.rpartition(".")[0]
+        most = largest_torque(base, body) / motion(base, body)[0]
+        found[name] = (-most, most)
+    return found
+
+
+CAUSES = (Cause(
+    "asymmetric-friction", "friction that depends on the direction",
+    "Friction is higher in one direction than in the other.",
+    "Look for a preload, a screw or a belt that works in one direction.", "asymmetric-friction", starts=_starts,
+    sizes=("viscous_asymmetry",), bounds=_bounds, power=2),)

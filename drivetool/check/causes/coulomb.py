@@ -1,0 +1,37 @@
+"""Dry friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added, bodies_without, torque_size
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+
+SMALL, SOME = 1e-6, 0.03  # of the torque's spread, to start from
+
+
+def _starts(end: str) -> Callable[[Model], list[Start]]:
+    def starts(base: Model) -> list[Start]:
+        found = []
+        for body in bodies_without(base, end, "coulomb"):
+            name, size = f"{body}.coulomb", torque_size(base, body)
+            found += [added(base, {name: SMALL * size}, (name,)), added(base, {name: SOME * size}, ())]
+        return found
+    return starts
+
+
+CAUSES = (
+    Cause("coulomb-motor", "dry friction at the motor",
+          "A constant friction torque at the motor opposes every motion and changes its sign at each reversal.",
+          "Look at the motor's bearings, seals and brake.", "coulomb", starts=_starts("motor"), sizes=("coulomb",),
+          end="motor"),
+    Cause("coulomb-load", "dry friction at the load",
+          "A constant friction torque at the load opposes every motion and changes its sign at each reversal.",
+          "Look at the load's bearings, guides and seals.", "coulomb", starts=_starts("load"), sizes=("coulomb",),
+          bodies=2, end="load",
+          alike={"coulomb-motor": "Record many slow reversals, or log the load speed or the shaft torque."}),
+)

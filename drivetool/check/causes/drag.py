@@ -1,0 +1,22 @@
+"""Drag that grows with the square of speed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import on_any_body
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+
+
+def _starts(base: Model) -> list[Start]:
+    return on_any_body(base, "drag")
+
+
+CAUSES = (Cause(
+    "quadratic-drag", "drag that grows with the square of speed",
+    "Something throws a fluid about: the torque it takes grows with the square of the speed.",
+    "Look at fans and at the oil level of the gearbox.", "quadratic-drag", starts=_starts,
+    sizes=("drag",), power=3),)

@@ -1,0 +1,25 @@
+"""A weight off the axis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added, present
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+
+
+def _starts(base: Model) -> list[Start]:
+    body = base.task.drive.bodies[-1]
+    names = [f"{body}.imbalance_sine", f"{body}.imbalance_cosine"]
+    if any(present(base, n) for n in names) or base.task.drive.motion_unit != "rad":
+        return []
+    return [added(base, dict.fromkeys(names, 0.0), names)]
+
+
+CAUSES = (Cause(
+    "imbalance", "imbalance", "A weight off the axis of the load is lifted and falls once per turn.",
+    "Balance the load, or take the weight into the feed-forward.", "imbalance", starts=_starts,
+    sizes=("imbalance_sine", "imbalance_cosine")),)

@@ -1,0 +1,23 @@
+"""Damping that grows with load."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added, present
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+
+
+def _starts(base: Model) -> list[Start]:
+    names = [f"{s}.load_damping" for s in base.task.drive.shafts]
+    return [added(base, {n: 0.0}, (n,)) for n in names if not present(base, n)]
+
+
+CAUSES = (Cause(
+    "load-dependent-damping", "damping that grows with load",
+    "Vibrations of the shaft die out faster the more torque it carries.",
+    "Tune for the unloaded shaft, where the vibration lasts longest.", "load-dependent-damping", starts=_starts,
+    sizes=("load_damping",), bodies=2),)

@@ -1,0 +1,49 @@
+"""Breakaway friction: more torque to start moving than to keep moving slowly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Bounds, Cause, Start
+from drivetool.check.causes.starts import added, bodies_without, motion, present, torque_size
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+    from drivetool.identify.engine import Task
+
+SMALL = 1e-6  # of the torque's spread, to start from
+SLOW = (0.02, 0.06, 0.2, 0.5)  # Stribeck speeds to start from, over the fastest motion
+
+
+def _starts(end: str) -> Callable[[Model], list[Start]]:
+    def starts(base: Model) -> list[Start]:
+        found = []
+        for body, share in product(bodies_without(base, end, "stribeck"), SLOW):
+            size = torque_size(base, body)
+            values = {f"{body}.stribeck": SMALL * size, f"{body}.stribeck_speed": share * motion(base, body)[0]}
+            if not present(base, f"{body}.coulomb"):
+                values[f"{body}.coulomb"] = SMALL * size
+            found.append(added(base, values, [n for n in values if not n.endswith("speed")]))
+        return found
+    return starts
+
+
+def _bounds(base: Model, task: Task) -> Bounds:
+    """No Stribeck speed that the record never leaves behind: its surplus is constant friction by another name."""
+    return {n: (0.0, motion(base, n.rpartition(".")[0])[0]) for n in task.free if n.endswith(".stribeck_speed")}
+
+
+CAUSES = (
+    Cause("stribeck-motor", "breakaway friction at the motor",
+          "At the motor it takes more torque to start moving than to keep moving slowly.",
+          "Look at lubrication and seals; avoid dwelling at creep speed.", "stribeck", starts=_starts("motor"),
+          sizes=("stribeck", "stribeck_speed"), end="motor", special=("coulomb-motor",), bounds=_bounds),
+    Cause("stribeck-load", "breakaway friction at the load",
+          "At the load it takes more torque to start moving than to keep moving slowly.",
+          "Look at lubrication, guides and seals; avoid dwelling at creep speed.", "stribeck",
+          starts=_starts("load"), sizes=("stribeck", "stribeck_speed"), bodies=2, end="load",
+          special=("coulomb-load",), bounds=_bounds,
+          alike={"stribeck-motor": "Record many slow reversals, or log the load speed or the shaft torque."}),
+)

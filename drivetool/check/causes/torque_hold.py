@@ -1,0 +1,30 @@
+"""A torque that is no step between its samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added, likeliest, present
+
+if TYPE_CHECKING:
+    from drivetool.check.model import Model
+
+NAME = "converter.interpolation"
+EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques
+
+
+def _starts(base: Model) -> list[Start]:
+    if present(base, NAME):
+        return []
+    return likeliest(base, [added(base, {NAME: share}, (), held=(NAME,)) for share in EARLIER])
+
+
+CAUSES = (Cause(
+    "torque-hold", "torque logged as it passes",
+    "The logged torque is no step that is held until the next sample: between its samples it goes on towards the "
+    "next one, so it acts up to half a sample earlier than a held one.",
+    "Keep converter.interpolation in the parameters, and say torque_is: measurement in the channel map.",
+    "torque-hold", starts=_starts, sizes=("interpolation",)),)

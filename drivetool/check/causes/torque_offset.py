@@ -1,0 +1,33 @@
+"""An offset of the torque channel."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added
+from drivetool.drive.effects.idle_torque import EFFECT
+
+if TYPE_CHECKING:
+    from drivetool.check.diagnosis import State
+    from drivetool.check.model import Model
+
+
+def _starts(base: Model) -> list[Start]:
+    drive = base.task.drive
+    name = "total.idle_torque" if len(drive.bodies) > 1 else f"{drive.bodies[0]}.idle_torque"
+    parts = [f"{b}.idle_torque" for b in drive.bodies]
+    if name in base.task.free or any(p in base.task.free for p in parts):
+        return []
+    return [added(base, {name: drive.values.get(name, drive.felt("idle_torque"))}, (name,))]
+
+
+def _absent(_: Model) -> tuple[State, str]:
+    return "in-the-model", "it acts as an idle torque does, which the base has free"
+
+
+CAUSES = (Cause(
+    "torque-offset", "an offset of the torque channel", "The logged torque is shifted by a constant amount.",
+    "Calibrate the zero of the torque or current sensor.", None, starts=_starts, sizes=("offset", "idle_torque"),
+    law=EFFECT.law, absent=_absent,
+    needs="a stretch with the torque switched off; without one an idle torque is the same"),)
