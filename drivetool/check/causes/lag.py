@@ -43,7 +43,9 @@ def _damped(owner: str) -> Callable[[Model, Model, Masks], Model]:
         drive = model.task.drive
         if bandwidth not in model.task.free or drive.value(order) != 2.0 or damping in model.task.free:
             return model
-        trial = refitted(model, added(model, {damping: drive.value(damping)}, ()).task, base, masks)
+        from_here = drive.value(damping)
+        assert from_here is not None
+        trial = refitted(model, added(model, {damping: from_here}, ()).task, base, masks)
         if trial.value > model.value - SHAPED:
             return model
         # Damped so much it is one of first order, whose two values nothing tells apart.
@@ -53,9 +55,10 @@ def _damped(owner: str) -> Callable[[Model, Model, Masks], Model]:
 
 
 def _of_first_order(task: Task, bandwidth: str, order: str, damping: str) -> Task:
-    values, neutral = task.drive.values, task.drive.quantity(damping).neutral
-    assert neutral is not None
-    plain = task.at({bandwidth: values[bandwidth] / (2.0 * values[damping]), order: 1.0, damping: neutral})
+    drive, neutral = task.drive, task.drive.quantity(damping).neutral
+    fast, damped = drive.value(bandwidth), drive.value(damping)
+    assert neutral is not None and fast is not None and damped is not None
+    plain = task.at({bandwidth: fast / (2.0 * damped), order: 1.0, damping: neutral})
     return replace(plain, free=tuple(n for n in plain.free if n != damping))
 
 
