@@ -19,6 +19,7 @@ from drivetool.identify.noise import arrow, filtered, with_state
 
 OPEN = 1e-8  # of what all samples tell of a direction, that the training samples are taken to tell at least
 EITHER = float(np.log(2.0))  # the price of asking both ways
+ROUNDS = 3  # of the fit to both
 
 
 def allowed(trained: Model, train: Masks, block: Masks, plain: float) -> float:
@@ -35,8 +36,7 @@ def averaged(trained: Model, train: Masks, block: Masks) -> float:
     """-log likelihood of a block, averaged over the parameters that the training samples leave possible."""
     masks = [t | b for t, b in zip(train, block, strict=True)]
     # From where it was trained; nothing of the noise is chosen anew.
-    both = fit(trained.code, trained.task, trained.problem, trained.point, trained.noise, masks, rounds=3,
-               renew=False, most=8)
+    both = fit(trained, masks, most=ROUNDS, renewed=False)
     with np.errstate(over="ignore", invalid="ignore"):
         variance = spread(filtered(trained.problem, trained.point, trained.noise, keep=False), train)
         before, after = (total(losses(filtered(m.problem, m.point, m.noise, keep=False), variance), which)

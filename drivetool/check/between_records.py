@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.heldout import Fold, refit
+from drivetool.check.heldout import REFIT, Fold
 from drivetool.check.linear_step import linear_step
-from drivetool.check.model import BROKEN, Model, likeliest_noise, over
+from drivetool.check.model import BROKEN, Model, fit, likeliest_noise, over
 from drivetool.check.remainder import remainder
 from drivetool.errors import Finding
 from drivetool.identify.least_squares import schur
@@ -44,7 +44,10 @@ class Change:
 
 
 def change_between(model: Model, folds: Sequence[Fold]) -> Change | None:
-    """What the records held out ask for, None if they agree or nothing but halves of records is held out."""
+    """What the records held out ask for, None if they agree or nothing but halves of records is held out.
+
+    model  over all records
+    """
     if len(folds) != 1:
         return None
     try:
@@ -85,7 +88,7 @@ def share_beyond(change: np.ndarray, told: np.ndarray, before: np.ndarray) -> fl
 
 
 def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | None:
-    own = refit(held, masks, renew=True)
+    own = fit(held, masks, most=REFIT)
     possible = held.value - own.value
     plain = PLAIN + len(held.task.free)
     if not possible > plain:
@@ -96,7 +99,7 @@ def _change(held: Model, masks: list[np.ndarray], fitted: Model) -> Change | Non
     told: tuple[str, ...] = ()
     best = held
     while len(told) < FEW and held.value - best.value < WHOLE * possible:
-        trials = [refit(_freed(best, held, (*told, name)), masks, renew=True)
+        trials = [fit(_freed(best, held, (*told, name)), masks, most=REFIT)
                   for name in _promising(best, held, told)]
         if not trials:
             break

@@ -12,7 +12,6 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.heldout import Fold
 from drivetool.check.model import Model
 from drivetool.check.remainder import Remainder
-from drivetool.check.structure import states_of
 from drivetool.drive.simulate import Trace
 from drivetool.identify.engine import free_run
 from drivetool.identify.fit_percent import fit_percent
@@ -66,7 +65,7 @@ def turned(model: Model, fold: Fold) -> list[np.ndarray]:
     nothing, the start of a ripple of several orders would be found in another of its valleys. Empty elsewhere.
     """
     problem, roles = model.problem, model.task.roles.outputs
-    states = states_of(model.task, problem.traces[0].step)
+    states = problem.states
     if "angle" not in states or any(role.endswith("angle") for role in roles):
         return []
     passes = filtered(problem, model.point, model.noise)

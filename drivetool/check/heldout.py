@@ -12,12 +12,22 @@ from scipy.special import gammaincc, gammaln
 from drivetool.check.allowance import allowed
 from drivetool.check.causes import FITTED
 from drivetool.check.folds import blocks_of
-from drivetool.check.model import Masks, Model, fit, judge, likeliest_noise, losses, over, spread, whitened
-from drivetool.check.samples import Samples
-from drivetool.identify.engine import looks_coloured
-from drivetool.identify.noise import filtered, fit_ratio, remembering
+from drivetool.check.model import (
+    Masks,
+    Model,
+    everything,
+    few_steps,
+    fit,
+    judge,
+    likeliest_noise,
+    losses,
+    over,
+    spread,
+)
+from drivetool.check.samples import Samples, Split
+from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import problem_of
+from drivetool.identify.setup import first_states, problem_of
 
 ONE_OFF = tuple(suffix for cause in FITTED for suffix in cause.located)
 SEARCHED = tuple(suffix for cause in FITTED for suffix in cause.searched)
@@ -25,11 +35,11 @@ LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, a
 LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 ALONE = 0.75  # of what a cause gains, that may lie in one block
-LOUDER = 1.5  # of the likeliest torque noise, from which that of the restricted likelihood counts
 SURELY = 2.0  # standard errors of a gain on data held out, or times what blocks lose by it that the others gain
 LITTLE = 4.0  # log likelihood that they must gain, whatever none of them loses
 BAD = 20.0  # log likelihood that a block loses, from which what is not known of the parameters is allowed for
-COLOUR = 10.0  # log likelihood that a memory of the torque noise must bring
+REFIT = 6  # rounds of a fit to some samples, from that to all of them
+STEPS = 8  # of the start state of a record held out
 
 
 @dataclass(frozen=True)
@@ -80,7 +90,7 @@ class Fold:
     """Training and test samples, and what the base makes of them.
 
     again    the test samples and what start states need
-    trained  the base fitted to the training samples; best: least -log likelihood of the test
+    trained  the base fitted to the training samples, over all records; best: least -log likelihood of the test
              samples that the base reaches when it is fitted to them, its noise included
     """
 
@@ -91,52 +101,43 @@ class Fold:
     best: float
 
 
-def coloured(model: Model, masks: Masks) -> Model:
-    """The model with a torque disturbance that remembers, if that is clearly more likely."""
-    passes = filtered(model.problem, model.point, model.noise, keep=False)
-    if model.noise.memory is not None or not looks_coloured(passes):
-        return model
-    noise = remembering(model.problem, model.point, model.noise,
-                        lambda n: judge(model.problem, model.point, n, masks))
-    if judge(model.problem, model.point, noise, masks) > model.value - COLOUR:
-        return model
-    trial = fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=2, renew=False)
-    return trial if trial.value < model.value - COLOUR else model
-
-
-def folds_of(bases: Sequence[Model], samples: Sequence[Samples]) -> list[Fold]:
-    """The folds with what the base makes of them.
-
-    bases    the base under every noise model that is possible for it
-    samples  of every fold
-    """
+def folds_of(base: Model, split: Split) -> tuple[Fold, ...]:
+    """The folds with what the base makes of them; base: fitted to all training samples."""
     def fold(its: Samples) -> Fold:
-        trained, test = min((refit(b, its.train) for b in heard), key=lambda m: m.value), its.test
-        tested = [refit(likeliest_noise(b, its.again), its.again, renew=True) for b in bases]
-        return Fold(*its, trained, min(judge(m.problem, m.point, m.noise, test) for m in tested))
+        trained = trained_on(base, split, its)
+        keep = [i for i, mask in enumerate(its.test) if mask.any()] if split.held_out else range(len(its.test))
+        masks = [its.again[i] for i in keep]
+        own = fit(likeliest_noise(over(trained, keep), masks), masks, most=REFIT)
+        return Fold(*its, trained, judge(own.problem, own.point, own.noise, [its.test[i] for i in keep]))
 
-    heard = [cautious(b, samples[0].train) for b in bases]  # of the same records in every fold
-    with ThreadPoolExecutor(len(samples)) as pool:
-        return list(pool.map(fold, samples))
+    with ThreadPoolExecutor(len(split.folds)) as pool:
+        return tuple(pool.map(fold, split.folds))
 
 
-def cautious(model: Model, masks: Masks) -> Model:
-    """The model with the torque noise of the restricted likelihood, where that is clearly louder.
+def trained_on(model: Model, split: Split, its: Samples) -> Model:
+    """A model over all records as the training samples of a fold have it; model: fitted to those of all folds.
 
-    Parameters that have absorbed all slow torque noise leave none, and the model runs on without looking: right
-    on the samples that it was fitted to, and away on all others.
+    Of records that are held out the start states alone are found, each from its beginning.
     """
-    if model.noise.memory is not None:
+    if split.held_out:
+        return extended(model, split)
+    return fit(located(model), its.train, most=REFIT)
+
+
+def extended(model: Model, split: Split) -> Model:
+    """The model over all records; the start states of those held out as their beginnings tell them."""
+    if not split.held_out:
         return model
-    part = over(model, [i for i, mask in enumerate(masks) if mask.any()])
-    noise = fit_ratio(part.problem, part.point, model.noise, settled=True)
-    return replace(model, noise=noise) if noise.ratio > LOUDER * model.noise.ratio else model
-
-
-def refit(model: Model, masks: Masks, renew: bool = False) -> Model:
-    """The same explanation fitted to some samples only."""
-    return fit(model.code, model.task, model.problem, model.point, model.noise, masks, rounds=3, renew=renew,
-               most=8)
+    task = replace(model.task, experiments=split.experiments)
+    whole = replace(model.problem, traces=split.traces)
+    drive, starts = model.fitted.drive, list(model.point.starts)
+    for trace, head in zip(split.traces[split.fitted:], split.heads, strict=True):
+        short = replace(trace, inputs=trace.inputs[:head], outputs=trace.outputs[:head])
+        alone = problem_of(drive, (), task.roles, (short,))
+        start = first_states(drive, task.roles, (trace,), task.free)
+        told = few_steps(replace(model, problem=alone, point=Point(np.empty(0), start)), everything(alone), STEPS)
+        starts += told.point.starts
+    return replace(model, task=task, problem=whole, point=Point(model.point.values, tuple(starts)))
 
 
 def located(model: Model) -> Model:
@@ -165,12 +166,15 @@ def price_of(model: Model, base: Model) -> float:
     return float(np.log(LOOKS)) * sum(n.endswith(SEARCHED) for n in new)
 
 
-def score(model: Model, folds: Sequence[Fold]) -> Score:
-    """Fit a cause to the training samples of every fold and judge it on the test samples."""
+def score(model: Model, base: Model, folds: Sequence[Fold], split: Split) -> Score:
+    """Fit a cause to the training samples of every fold and judge it on the test samples.
+
+    base  that lacks it; folds: of that
+    """
     gains, evidence, training, trained = [], [], [], []
-    local, price = cautious(located(model), folds[0].train), price_of(model, folds[0].trained)
-    for fold in folds:
-        own, value = refit(local, fold.train), 0.0
+    price, lead = price_of(model, base), base.value - model.value
+    for fold, its in zip(folds, split.folds, strict=True):
+        own, value = trained_on(model, split, its), 0.0
         for block, mine, theirs in _blocks_of(own, fold.trained, fold):
             if np.isfinite(mine) and theirs - mine < -BAD:
                 mine = allowed(own, fold.train, block, mine)
@@ -180,7 +184,7 @@ def score(model: Model, folds: Sequence[Fold]) -> Score:
         training.append(own.value)
         trained.append(own)
     return Score(model, np.nan_to_num(np.array(gains), nan=-1e6, neginf=-1e6), tuple(evidence), tuple(training),
-                 tuple(trained))
+                 tuple(trained), lead, len(model.task.free) - len(base.task.free))
 
 
 def lead_in_blocks(one: Model, other: Model, fold: Fold) -> list[float]:
@@ -271,12 +275,3 @@ def log_tail(x: float, degrees: int) -> float:
 def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:
     """Natural log of the evidence for there being a cause at all, by either way."""
     return max([evidence(scores), *(surprise(s, gained) for s in scores)], default=-np.inf) - np.log(2.0)
-
-
-def both(base: Model, masks: Masks) -> list[Model]:
-    """The base as it is, and under white or coloured torque noise where that is possible for it too."""
-    if base.noise.memory is not None:
-        white = whitened(base, masks)
-        return [base, white] if white.value < base.value + COLOUR else [base]
-    other = coloured(base, masks)
-    return [base] if other is base else [base, other]

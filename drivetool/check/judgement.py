@@ -17,7 +17,7 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import Estimate
 
 if TYPE_CHECKING:
-    from drivetool.check.rounds import Search
+    from drivetool.check.search.result import Searched
 
 UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
 WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes that are true do not raise it
@@ -46,7 +46,7 @@ class Judgement:
     doubt: str = ""
 
 
-def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judgement:
+def judged(search: Searched, estimate: Estimate, gain: Gain, share: float) -> Judgement:
     """The verdict on a search, from what was found and from what that leaves.
 
     share  std of the torque's noise over the spread of the torque
@@ -73,7 +73,7 @@ def judged(search: Search, estimate: Estimate, gain: Gain, share: float) -> Judg
     return _without(found, ["load-step"], why) if why else found
 
 
-def hides(search: Search, gain: Gain, share: float) -> bool:
+def hides(search: Searched, gain: Gain, share: float) -> bool:
     """Whether a law in no catalogue may hide behind the noise of the torque.
 
     Not where single steps leave nothing, a drive may have so much noise, and that alone makes as large an error of
@@ -97,7 +97,7 @@ def _without(found: Judgement, doubted: Sequence[str], doubt: str = "") -> Judge
     return Judgement("undetermined", causes, (*doubted, UNLISTED), doubt)
 
 
-def verdict_of(search: Search, causes: Sequence[str]) -> str:
+def verdict_of(search: Searched, causes: Sequence[str]) -> str:
     """The verdict by what was found and how much that leaves of what single steps ask for."""
     if search.unasked or (search.found.causes and not search.confident):
         return "unexplained"
@@ -109,7 +109,7 @@ def verdict_of(search: Search, causes: Sequence[str]) -> str:
     return "named" if causes else "nothing-found"
 
 
-def doubtful(search: Search, estimate: Estimate, gain: Gain) -> bool:
+def doubtful(search: Searched, estimate: Estimate, gain: Gain) -> bool:
     """Whether what the causes leave speaks against them: they stand in for a law that is not listed.
 
     One-step errors that still repeat, halves that ask for other parameters, free runs clearly worse than before.
@@ -120,7 +120,7 @@ def doubtful(search: Search, estimate: Estimate, gain: Gain) -> bool:
     return (repeats and not steps) or bool(changing(search)) or spoils(gain)
 
 
-def helped(search: Search, gain: Gain) -> bool:
+def helped(search: Searched, gain: Gain) -> bool:
     """Whether what was found is part of the answer.
 
     Free runs become much better with it, or it says much of what there is to say about single steps.
@@ -132,7 +132,7 @@ def helped(search: Search, gain: Gain) -> bool:
             or gain.unexplained_percent < 100.0 * (1.0 - PART))
 
 
-def hardly_told(search: Search) -> list[str]:
+def hardly_told(search: Searched) -> list[str]:
     """The causes of which the blocks held out hardly agree that they are there at all, plain events aside.
 
     A small step at a reversal is what breakaway friction leaves that no candidate says.
@@ -142,7 +142,7 @@ def hardly_told(search: Search) -> list[str]:
             and c.code not in search.found.sure and not (CAUSES[c.code].event and (c.gain or 0.0) > PLAIN)]
 
 
-def stands_in(search: Search) -> str:
+def stands_in(search: Searched) -> str:
     """Why a load that changes at more than one instant may be a law in no catalogue; empty: it is none.
 
     True ones leave noise, and do not come and go with the speed: by direction, say, a friction of another size is a
@@ -162,7 +162,7 @@ def spoils(gain: Gain) -> bool:
     return worse > max(WORSE * gain.held_out_rmse_before, gain.rmse_bar)
 
 
-def changing(search: Search) -> list[Finding]:
+def changing(search: Searched) -> list[Finding]:
     """What to say where the halves of the records ask for different parameters."""
     if search.left.time <= UNEXPLAINED:
         return []

@@ -65,5 +65,5 @@ def _fitted(records: Sequence[Experiment], drive: Drive, free: Sequence[str],
     models = []
     for values in ({}, {n: begun[n] for n in task.free if n in begun}):
         with suppress(*BROKEN), np.errstate(all="ignore"):
-            models.append(from_start(task.at(values), rounds=10))
+            models.append(from_start(task.at(values)))
     return min(models, key=lambda m: m.value, default=None)

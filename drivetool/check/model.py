@@ -1,8 +1,8 @@
-"""One explanation of the records: a drive, its free parameters and its noise, fitted and judged by samples.
+"""One explanation of the records: a drive, its free parameters and its noise, fitted to some samples.
 
-Everything is measured in one currency: the log likelihood of one-step predictions, sample by sample.
-A fit can count some samples only (a mask); the filter still sees all of them, so that training and
-held-out samples interleave in one record without start states in between.
+The fit is that of `identify`: everything is measured in its currency, the log likelihood of one-step predictions.
+A fit can count some samples only (a mask); the filter still sees all of them, so that training and held-out samples
+interleave in one record without start states in between.
 """
 
 from __future__ import annotations
@@ -12,46 +12,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.simulate import Filtered, Gains
+from drivetool.drive.simulate import Filtered
 from drivetool.errors import DriveToolError
-from drivetool.identify.engine import Task
-from drivetool.identify.least_squares import Solution, solve
-from drivetool.identify.noise import (
-    ODDS,
-    Noise,
-    by_parabolas,
-    excerpt,
-    filtered,
-    fit_ratio,
-    natural_ratio,
-    with_state,
-)
-from drivetool.identify.noise_scoring import Heard, heard, scored
+from drivetool.identify.engine import COLOUR_GAIN, Task, looks_coloured
+from drivetool.identify.innovations import fit_innovations
+from drivetool.identify.least_squares import approach
+from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, remembering, with_state
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
-ROUNDS = 5  # of gains and Levenberg-Marquardt, at most
-LOUD = 300.0  # times the torque noise that moves the first sensor by its own noise in a sample
-WIDE = np.log(3.0) * np.arange(-3, 4)  # of a sensor's noise about the guess
-RENEWED, MOVING = 3, 10.0  # rounds after which the noise stays, unless the last one gained so much log likelihood
-STEPS = 1  # of the noise a round; the next round goes on
-RESTS = 4  # fits of a model that goes on moving, at most
-TRIFLING = 0.05  # twice the log likelihood below which another step of a round does not pay
-SETTLED = 0.3  # log likelihood below which another round does not pay
+MOST, COLOURED = 12, 4  # rounds of gains and least squares, and of those under a noise that remembers
 
 
 @dataclass(frozen=True)
 class Model:
     """A fitted explanation.
 
-    code     of the cause it adds to the base, "base" for the base
-    task     the drive with its free parameters; problem: the same over the records
-    point    the estimate, noise its noise model
-    value    -log likelihood over the samples that counted
-    moving   by how much the last round of its fit still lowered it
+    code   of the cause it adds to the base, "base" for the base
+    task   the drive with its free parameters; problem: the same over the records
+    point  the estimate, noise its noise model
+    value  -log likelihood over the samples that counted
     """
 
     code: str
@@ -60,7 +43,6 @@ class Model:
     point: Point
     noise: Noise
     value: float
-    moving: float = 0.0
 
     @property
     def fitted(self) -> Task:
@@ -71,6 +53,11 @@ class Model:
 def everything(problem: Problem) -> list[np.ndarray]:
     """The mask that counts every sample."""
     return [np.ones(t.size, bool) for t in problem.traces]
+
+
+def counted(problem: Problem, masks: Masks) -> Problem:
+    """The problem of the samples of a mask."""
+    return replace(problem, counts=tuple(masks))
 
 
 def losses(passes: Sequence[Filtered], variance: float) -> list[np.ndarray]:
@@ -120,79 +107,68 @@ def total(each: Sequence[np.ndarray], masks: Masks) -> float:
 
 def judge(problem: Problem, point: Point, noise: Noise, masks: Masks) -> float:
     """-log likelihood of the samples of a mask, the sensor variance fitted to them."""
-    return _listen(problem, point, noise, masks).value
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return minus_log_likelihood(filtered(counted(problem, masks), point, noise, keep=False))
 
 
-def fit(code: str, task: Task, problem: Problem, point: Point, noise: Noise, masks: Masks, *,
-        rounds: int = ROUNDS, renew: bool = True, hold: np.ndarray | None = None, most: int = 12) -> Model:
-    """Fit to the samples of a mask from a point.
+def begun(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -> Model:
+    """An explanation that has not been fitted."""
+    return Model(code, task, problem, point, noise, np.inf)
 
-    renew   whether noise ratio and sensor noises are estimated anew after the first rounds, and while it gains much
-    hold    (k,) parameters that do not move in the first round
-    most    steps per round
+
+def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf) -> Model:
+    """The model fitted to the samples of a mask, from where it is.
+
+    most     rounds; renewed: whether its noise is fitted, too
+    goal     value to be reached: what is far above it after a few rounds is given up
     """
-    value, gain = judge(problem, point, noise, masks), 0.0
-    for number in range(rounds):
-        solution = _round(problem, point, noise, masks, most, hold if number == 0 else None)
-        trial, worth = _backed_off(problem, point, solution.point, noise, masks, value)
-        # Not for ever: parameters that absorb slow torque noise lower its ratio, round by round, to nothing.
-        if renew and (number < RENEWED or gain > MOVING):
-            fresh, better = renewed(problem, trial, noise, masks)
-            if better < worth:
-                noise, worth = fresh, better
-        gain, point, value = value - worth, trial, worth
-        if gain < SETTLED and number > 0:
-            break
-    return Model(code, replace(task, drive=task.drive), problem, point, noise, value, gain)
+    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=True, most=most,
+                            renewed=renewed, wanted=goal)
+    return replace(model, point=found.point, noise=found.noise, value=found.value)
 
 
-def at_rest(model: Model, masks: Masks) -> Model:
-    """The model fitted on until it moves no more.
-
-    Where the torque noise turns out far weaker than the fit began with, its ratio needs more than one fit.
-    """
-    for _ in range(RESTS):
-        trial = fit(model.code, model.task, model.problem, model.point, model.noise, masks, rounds=3)
-        if trial.value > model.value - SETTLED:
-            break
-        model = trial
-    return model
-
-
-def whitened(model: Model, masks: Masks) -> Model:
-    """The model under a torque noise that remembers nothing, fitted until it moves no more."""
-    plain = replace(model.noise, memory=None, slow=None)
-    # A ratio that was right for noise that remembers may be decades off for noise that does not.
-    value, noise = min(((judge(model.problem, model.point, n, masks), n) for n in (
-        plain, fit_ratio(model.problem, model.point, plain, quick=True))), key=lambda pair: pair[0])
-    return at_rest(replace(model, noise=noise, value=value), masks)
+def few_steps(model: Model, masks: Masks, most: int) -> Model:
+    """The model after some steps under the gains of its noise."""
+    problem = counted(model.problem, masks)
+    with np.errstate(over="ignore", invalid="ignore"):
+        gains = [f.gains for f in filtered(problem, model.point, model.noise)]
+        remembering_ = problem.with_memory(model.noise.memory)
+        point, _ = approach(remembering_, with_state(model.point, model.noise), gains, most)
+    if model.noise.memory is not None:
+        point = Point(point.values, tuple(s[:-1] for s in point.starts))
+    return replace(model, point=point, value=judge(problem, point, model.noise, masks))
 
 
-def from_start(task: Task, masks: Masks | None = None, rounds: int = ROUNDS) -> Model:
-    """A base: fitted from the values of its drive, to all samples or to those of a mask."""
+def from_start(task: Task, masks: Masks | None = None, most: int = MOST) -> Model:
+    """A drive fitted from its values to all samples or those of a mask; without rounds, under the noise there."""
     problem = task.problem()
     point = first_point(task.drive, problem, task.roles)
     masks = everything(problem) if masks is None else masks
-    return fit("base", task, problem, point, first_noise(problem, point, masks), masks, rounds=rounds)
+    model = begun("base", task, problem, point, first_noise(problem, point, masks))
+    return fit(model, masks, most=most) if most else replace(
+        model, value=judge(problem, point, model.noise, masks))
 
 
-def heard_afresh(model: Model, masks: Masks) -> Model:
-    """The model, or the likelier one under the noise that is found where none is known.
+def first_noise(problem: Problem, point: Point, masks: Masks, quick: bool = False) -> Noise:
+    """The noise at a point where none has been fitted: looked for far around."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return fit_ratio(counted(problem, masks), point, Noise(1.0, None, problem.scale), quick=quick)
 
-    A noise that was begun far from the estimate may have settled where no way leads downhill: all in one sensor.
-    A trifle is no reason: parameters that absorb slow torque noise are a little likelier without any.
+
+def heard(model: Model, masks: Masks) -> Model:
+    """The model, or the same under torque noise that remembers, if what it leaves asks for that and is likelier so.
+
+    Slow torque noise can stand in for a law, so it is asked of every explanation alike, and last.
     """
-    if model.noise.memory is not None:
+    passes = filtered(counted(model.problem, masks), model.point, model.noise, keep=False)
+    if model.noise.memory is not None or not looks_coloured(passes):
         return model
-    noise = first_noise(model.problem, model.point, masks)
-    if judge(model.problem, model.point, noise, masks) > model.value - MOVING:
+    noise = remembering(counted(model.problem, masks), model.point, model.noise,
+                        lambda n: judge(model.problem, model.point, n, masks))
+    if judge(model.problem, model.point, noise, masks) > model.value - COLOUR_GAIN:
         return model
-    return fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=10)
-
-
-def first_noise(problem: Problem, point: Point, masks: Masks) -> Noise:
-    """The noise at a point where none has been fitted: its figures looked for far around."""
-    return listened(problem, point, fit_ratio(problem, point, Noise(1.0, None, problem.scale)), masks)
+    trial = fit(replace(model, noise=noise), masks, most=COLOURED)
+    return trial if trial.value < model.value - COLOUR_GAIN else model
 
 
 def likeliest_noise(model: Model, masks: Masks) -> Model:
@@ -201,92 +177,9 @@ def likeliest_noise(model: Model, masks: Masks) -> Model:
     On records that it was not fitted to: where parameters have absorbed the slow part of the torque noise, next to
     none is left of it, and from there no way leads back to what other records have.
     """
-    near = renewed(model.problem, model.point, model.noise, masks)
+    problem = counted(model.problem, masks)
+    tried = [fit_ratio(problem, model.point, model.noise, None if model.noise.memory else model.noise.ratio)]
     if model.noise.memory is None:
-        noise = first_noise(model.problem, model.point, masks)
-        near = min(near, (noise, judge(model.problem, model.point, noise, masks)), key=lambda pair: pair[1])
-    return replace(model, noise=near[0], value=near[1])
-
-
-def renewed(problem: Problem, point: Point, noise: Noise, masks: Masks) -> tuple[Noise, float]:
-    """The noise estimated anew at a point, that of all sensors with that of the torque, and its value."""
-    middle = natural_ratio(problem, point)
-    # Where the sensor counts for nothing any ratio is as likely as one close by: no way leads back downhill.
-    if noise.ratio > LOUD * middle:
-        noise = fit_ratio(problem, point, replace(noise, memory=None, slow=None), quick=True)
-    part, masked = _excerpt(problem, masks)
-
-    def listen(figures: np.ndarray) -> Heard:
-        return _listen(part, point, noise.at(figures), masked)
-
-    scales = np.log(noise.scale[1:])
-    low, high = (np.concatenate((b, scales + reach)) for b, reach in zip(
-        noise.bounds(np.log(middle)), (-ODDS, ODDS), strict=True))
-    figures, value = scored(listen, np.concatenate((noise.figures, scales)), low, high, STEPS)
-    noise = noise.at(figures)
-    return noise, value if part is problem else judge(problem, point, noise, masks)
-
-
-def _listen(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Heard:
-    """What the samples of a mask say, the sensor variance fitted to them."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        passes = filtered(problem, point, noise, keep=False)
-        found = heard(np.inf, passes, masks)
-        count = len(found.innovations)
-        variance = float(np.sum(found.innovations**2 / found.variance)) / max(count, 1)
-        value = 0.5 * count * (1.0 + np.log(variance)) + 0.5 * float(np.sum(np.log(found.variance)))
-    return replace(found, value=value) if variance > 0.0 and np.isfinite(value) else found
-
-
-def _excerpt(problem: Problem, masks: Masks) -> tuple[Problem, Masks]:
-    """Enough of the samples for the figures of a noise, and what counts of them."""
-    part = excerpt(problem)
-    return part, [mask[:t.size] for mask, t in zip(masks, part.traces, strict=True)]
-
-
-def listened(problem: Problem, point: Point, noise: Noise, masks: Masks) -> Noise:
-    """The noise with each further sensor as loud as makes the samples of a mask most likely, looked for far around.
-
-    Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
-    """
-    part, masked = _excerpt(problem, masks)
-    for m in range(1, len(noise.scale)):
-        def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
-            scale = noise.scale.copy()
-            scale[m] *= np.exp(log)
-            return replace(noise, scale=scale)
-
-        def value(log: float, of=louder) -> float:
-            return judge(part, point, of(log), masked)
-
-        noise = louder(by_parabolas(value, WIDE, close=0.02))
-    return noise
-
-
-def _round(problem: Problem, point: Point, noise: Noise, masks: Masks, most: int,
-           hold: np.ndarray | None) -> Solution:
-    """Levenberg-Marquardt under frozen gains; samples that do not count have no weight."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        passes = filtered(problem, point, noise)
-    gains = [Gains(f.gains.gain, f.gains.weight * mask[:, None]) for f, mask in zip(passes, masks, strict=True)]
-    trifle = TRIFLING / problem.count
-    solution = solve(problem.with_memory(noise.memory), with_state(point, noise), gains, relative=trifle, most=most,
-                     hold=hold, least=trifle)
-    if noise.memory is None:
-        return solution
-    starts = tuple(s[:-1] for s in solution.point.starts)
-    return replace(solution, point=Point(solution.point.values, starts))
-
-
-def _backed_off(problem: Problem, before: Point, after: Point, noise: Noise, masks: Masks,
-                value: float) -> tuple[Point, float]:
-    """The furthest point on the way that is more likely under its own gains, and its value."""
-    share = 1.0
-    while share > 0.02:
-        starts = tuple(a + share * (b - a) for a, b in zip(before.starts, after.starts, strict=True))
-        point = Point(before.values + share * (after.values - before.values), starts)
-        worth = judge(problem, point, noise, masks)
-        if worth <= value:
-            return point, worth
-        share *= 0.35
-    return before, value
+        tried.append(replace(first_noise(model.problem, model.point, masks), scale=model.noise.scale))
+    value, _, noise = min((judge(model.problem, model.point, n, masks), i, n) for i, n in enumerate(tried))
+    return replace(model, noise=noise, value=value)

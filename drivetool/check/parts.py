@@ -27,7 +27,7 @@ def with_parts(model: Model, masks: Masks) -> Model:
             begun = replace(model, task=task, problem=problem, point=carried(model, task, problem))
             normal = normal_under(problem, begun.point, model.noise)
             if told_apart(task, problem, begun.point, normal, parts, model.fitted.drive.values[total]):
-                trial = fit(model.code, task, problem, begun.point, model.noise, masks)
+                trial = fit(begun, masks)
                 if trial.value < model.value + WORSE:
                     model = trial
                 break

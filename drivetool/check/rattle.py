@@ -8,18 +8,18 @@ From the best valley the next is looked for close by, as long as there is a bett
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from drivetool.check.causes.starts import added, present, torque_size
-from drivetool.check.model import BROKEN, Masks, Model, everything, first_noise, fit, judge
+from drivetool.check.model import BROKEN, Masks, Model, begun, everything, few_steps, first_noise, fit, judge
 from drivetool.check.structure import carried
 from drivetool.identify.engine import Outcome, Task
 from drivetool.identify.light import load_share
-from drivetool.identify.noise import Noise
 from drivetool.identify.problem import Point
 from drivetool.identify.search import apart
 from drivetool.identify.setup import problem_of
@@ -30,6 +30,7 @@ SHARES = (0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)  # half gaps, over the twist tha
 CLOSE = tuple(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.17)))  # of load and shaft, and of the gap, over the best's
 LISTENED = (1, 4)  # those of them at which the noise is heard, where there are several sensors
 STEPS = 10
+ROUNDS = 4  # of the fits that follow
 FOLLOWED = 6  # ends under the load's noise that are followed without it
 GAINED = 10.0  # log likelihood over the base without which a gap is none that is worth looking for on
 BETTER = 1.0  # the same, by which the next valley must be
@@ -48,8 +49,7 @@ def rattles(base: Model, masks: Masks) -> list[Model]:
     if load_share(drive) > LIGHT and heard is None:
         return []
     base = heard or base
-    begun = [_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES]
-    found = _followed(begun, base, masks)
+    found = _followed([_begun(base, task, scale, 1.0) for task in tasks for scale in SCALES], base, masks)
     for _ in range(VALLEYS):
         best = found[0].value if found else np.inf
         if best > base.value - GAINED:
@@ -88,7 +88,7 @@ def confirmed(outcome: Outcome) -> Outcome:
         return outcome
     problem, end, masks = outcome.problem, outcome.fit, everything(outcome.problem)
     value = judge(problem, end.point, end.noise, masks)
-    model = Model("backlash", outcome.task.at_point(end.point), problem, end.point, end.noise, value)
+    model = Model("base", outcome.task.at_point(end.point), problem, end.point, end.noise, value)
     ends = _followed([_begun(model, model.fitted, *there) for there in CLOSE if there != (1.0, 1.0)], model, masks)
     starts = [{"way": "close by", "reached": dict(zip(outcome.task.free, map(float, m.point.values), strict=True)),
                "minus_log_likelihood_above_best": m.value - value,
@@ -107,22 +107,19 @@ def _begun(model: Model, task: Task, scale: float, wider: float) -> Model:
     task = task.at({n: v for n, v in values.items() if n in task.free})
     problem = problem_of(task.drive, task.free, task.roles, model.problem.traces)
     point = Point(carried(model, task, problem).values, model.point.starts)
-    return Model("backlash", task, problem, point, model.noise, np.inf)
+    return begun(model.code, task, problem, point, model.noise)
 
 
-def _followed(begun: Iterable[Model], base: Model, masks: Masks) -> list[Model]:
+def _followed(some: Iterable[Model], base: Model, masks: Masks) -> list[Model]:
     """A few steps under a noise on the load too, the likeliest ends then fitted without it; the likeliest first."""
     loose = replace(base.noise, others=base.fitted.drive.turns()[-1] * base.noise.ratio)
 
-    def fitted(model: Model, noise: Noise, rounds: int, renew: bool) -> Model | None:
-        try:
-            return fit(model.code, model.task, model.problem, model.point, noise, masks, rounds=rounds, renew=renew,
-                       most=STEPS)
-        except BROKEN:
-            return None
+    def likeliest(fitted: Callable[[Model], Model], models: Iterable[Model]) -> list[Model]:
+        found = []
+        for model in models:
+            with suppress(*BROKEN):
+                found.append(fitted(model))
+        return sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)
 
-    def likeliest(models: Iterable[Model | None]) -> list[Model]:
-        return sorted((m for m in models if m is not None and np.isfinite(m.value)), key=lambda m: m.value)
-
-    ends = likeliest(fitted(m, loose, 1, False) for m in begun)[:FOLLOWED]
-    return likeliest(fitted(m, base.noise, 3, True) for m in ends)
+    ends = likeliest(lambda m: few_steps(replace(m, noise=loose), masks, STEPS), some)[:FOLLOWED]
+    return likeliest(lambda m: fit(replace(m, noise=base.noise), masks, most=ROUNDS), ends)

@@ -23,6 +23,7 @@ HALF_TOLD = 0.05  # of what is known of a direction, that each half of the recor
 TRACE = 1e-6  # of what is known of a start state
 ROUGHLY = 1e-9  # of the best known direction, below which rounding decides
 SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
+ROUNDS = 5  # of a fit to a record that is made up
 ROUNDED = 1.5  # by which the rounding of a logger may leave more than in a record that is made up
 
 
@@ -78,7 +79,7 @@ def faked(base: Model, cause: Model, masks: Masks) -> float:
     traces = _logged_again(base, steps).traces
     try:
         without, having = (
-            min(fit(m.code, m.task, replace(m.problem, traces=traces), m.point, noise, masks, rounds=3).value
+            min(fit(replace(m, problem=replace(m.problem, traces=traces), noise=noise), masks, most=ROUNDS).value
                 for noise in (base.noise, cause.noise)) for m in (base, cause))
     except BROKEN:  # what cannot be fitted there says nothing
         return 0.0

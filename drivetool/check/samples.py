@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from drivetool.check.folds import blocks_of, halves
 from drivetool.drive.chain import Drive
 from drivetool.drive.linearise import resonances
 from drivetool.drive.simulate import Trace
+from drivetool.identify.setup import Roles, traces_of
 from drivetool.logs.experiment import Experiment
 
 BEGINNING = 0.1  # s, at least
@@ -30,20 +32,51 @@ class Samples(NamedTuple):
     again: list[np.ndarray]
 
 
-def samples_of(traces: Sequence[Trace], train: Sequence[Experiment], test: Sequence[Experiment],
-               drive: Drive) -> list[Samples]:
-    """The samples of every fold: one with held-out records, two from the halves of the others."""
-    if not test:
+@dataclass(frozen=True)
+class Split:
+    """What is fitted to, and what judges.
+
+    traces       of all records, those that are held out last; experiments: the records
+    fitted       number of traces that are fitted to
+    folds        the samples of every fold
+    heads        (traces held out,) samples that tell where each begins
+    """
+
+    traces: tuple[Trace, ...]
+    experiments: tuple[Experiment, ...]
+    fitted: int
+    folds: tuple[Samples, ...]
+    heads: tuple[int, ...]
+
+    @property
+    def held_out(self) -> bool:
+        """Whether records are held out; else each half of the blocks of all judges what the other trained."""
+        return self.fitted < len(self.traces)
+
+    @property
+    def held(self) -> list[np.ndarray]:
+        """Per trace (n,) the samples of records that only judge; none where halves judge in turn."""
+        return [np.full(t.size, i >= self.fitted) for i, t in enumerate(self.traces)] if self.held_out else []
+
+
+def split_of(experiments: Sequence[Experiment], train: int, drive: Drive, roles: Roles) -> Split:
+    """The records split: one fold with records held out, two from the halves of the others.
+
+    train  number of the records that are fitted to, the first ones
+    """
+    traces = traces_of(experiments, roles)
+    heads = beginnings(traces, drive)
+    if train == len(experiments):
         first, second = halves(traces)
-        pairs = [(second, first), (first, second)]
+        pairs, count = [(second, first), (first, second)], len(traces)
     else:
-        stretches = sum(sum(1 for a, b in e.segments if b - a >= 10) for e in train)
-        mask = [np.full(t.size, i < stretches) for i, t in enumerate(traces)]
+        count = sum(sum(1 for a, b in e.segments if b - a >= 10) for e in experiments[:train])
+        mask = [np.full(t.size, i < count) for i, t in enumerate(traces)]
         pairs = [(mask, [~m for m in mask])]
-    start = beginnings(traces, drive)
-    return [Samples([m | b for m, b in zip(first, start, strict=True)],
-                    [m & ~b for m, b in zip(second, start, strict=True)],
-                    [m | b for m, b in zip(second, start, strict=True)]) for first, second in pairs]
+    folds = tuple(Samples([m | b for m, b in zip(one, heads, strict=True)],
+                          [m & ~b for m, b in zip(other, heads, strict=True)],
+                          [m | b for m, b in zip(other, heads, strict=True)]) for one, other in pairs)
+    return Split(traces, tuple(experiments), count, folds, tuple(int(b.sum()) for b in heads[count:]))
 
 
 def beginnings(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray]:
@@ -56,15 +89,3 @@ def beginnings(traces: Sequence[Trace], drive: Drive) -> list[np.ndarray]:
     _, first, last = blocks_of(traces)[0]
     seconds, most = max(BEGINNING, PERIODS / slowest), MOST * (last - first)
     return [np.arange(t.size) < max(20, round(min(seconds / t.step, most))) for t in traces]
-
-
-def fitted_samples(folds: Sequence[Samples]) -> list[np.ndarray]:
-    """What a final fit may see: all training samples of all folds."""
-    return [np.logical_or.reduce(masks) for masks in zip(*(fold.train for fold in folds), strict=True)]
-
-
-def held_out(folds: Sequence[Samples]) -> list[np.ndarray]:
-    """Per trace the samples of records that only judge; none where halves of all records judge in turn."""
-    if len(folds) != 1:
-        return []
-    return [again & test.any() for again, test in zip(folds[0].again, folds[0].test, strict=True)]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.model import BROKEN, Model, everything, fit, judge
+from drivetool.check.model import BROKEN, Model, begun, everything, few_steps, judge
 from drivetool.check.structure import carried, may_have_tip, with_large_tip, with_middle, with_tip
 from drivetool.drive.linearise import state_space
 from drivetool.identify.backlash import valleys
@@ -31,6 +30,7 @@ ORDERS = 6000  # most orders looked at
 PERIODS = 2.0  # of a ripple that the motion must go through, for it to repeat
 HIGHEST = 0.45  # of the sampling rate, up to which a ripple is followed
 LINES = 2000  # frequencies up to there at which its trace is known
+CELLS, SPEEDS = 1 << 17, 256  # of the angle and of the speed, in which orders are looked for
 
 
 def half_gaps(base: Model, name: str, torque: float) -> list[float]:
@@ -39,9 +39,9 @@ def half_gaps(base: Model, name: str, torque: float) -> list[float]:
     twist = torque / task.drive.value(name.split(".")[0] + ".stiffness")
 
     def look(value: float) -> float:
-        trial = replace(task.at({name: value}), free=())
-        return minus_log_likelihood(filtered(trial.problem(), Point(np.empty(0), base.point.starts), base.noise,
-                                             keep=False))
+        problem = problem_of(task.at({name: value}).drive, (), task.roles, base.problem.traces)
+        point = Point(np.empty(0), base.point.starts)
+        return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
 
     values = np.array([look(share * twist) for share in GAPS])
     return [float(GAPS[i] * twist) for i in valleys(values)[:KEEP]]
@@ -91,8 +91,8 @@ def _after_steps(base: Model, tasks: Sequence[Task]) -> list[Task]:
     for task in tasks:
         problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
         try:
-            model = fit("third-mass", task, problem, carried(base, task, problem), base.noise,
-                        everything(base.problem), rounds=1, renew=False, most=MIDDLING)
+            model = few_steps(begun(base.code, task, problem, carried(base, task, problem), base.noise),
+                              everything(base.problem), MIDDLING)
         except BROKEN:
             continue
         found.append((model.value, len(found), model.fitted))
@@ -126,38 +126,49 @@ def likely_orders(base: Model) -> list[float]:
     grid = grid[grid < high]
     if not len(grid):  # it shakes faster than a ripple could be followed
         return []
-    frequencies = np.linspace(0.0, HIGHEST / step, LINES + 1)
-    response = disturbance_response(base, frequencies[1:])
+    lines = np.linspace(0.0, HIGHEST / step, LINES + 1)[1:]
+    response = disturbance_response(base, lines)
+    first = round(float(grid[0]) / spacing)
     upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
     for e, angle, speed in zip(z, angles, speeds, strict=True):
-        for m, own in enumerate(response.T):
-            _add_orders(grid, e[:, m], angle, speed / (2.0 * np.pi * frequencies[1]), own, upper, lower)
+        upper += _over_angle(_asked_for(e, response, lines, step), angle, reach)[first:first + len(grid)]
+        lower += _left_by(grid, speed, response, lines)
     scores = np.abs(upper) ** 2 / np.maximum(lower, 1e-300)
     return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
 
 
-def _add_orders(grid: np.ndarray, e: np.ndarray, angle: np.ndarray, rate: np.ndarray, response: np.ndarray,
-                upper: np.ndarray, lower: np.ndarray) -> None:
-    """Add what an output has of each order of a grid, and how much a torque of that order would leave there.
+def _asked_for(e: np.ndarray, response: np.ndarray, lines: np.ndarray, step: float) -> np.ndarray:
+    """(n,) torque on the motor that innovations (n, outputs) ask for: the adjoint of the filter over them.
 
-    grid          (k,) orders, evenly spaced; rate: (n,) line of the response that a ripple of order one is at
-    response      (LINES,) of the output, from line one on
-    upper, lower  (k,) to be added to
+    response  (LINES, outputs) of innovations to such a torque at the frequencies (LINES,)
     """
-    # Backwards the response is conjugate; what is too fast to be followed has none.
-    table = np.concatenate(([0.0], np.conj(response[::-1]), [0.0], response, [0.0]))
-    power, middle = np.abs(table) ** 2, LINES + 1
-    shape, turn = e * np.exp(1j * grid[0] * angle), np.exp(1j * np.diff(grid[:2]).sum() * angle)
-    # Six thousand times over: without these each line would ask for memory anew, which takes longer than the sums.
-    place, line = np.empty(len(e)), np.empty(len(e), np.intp)
-    left, size = np.empty(len(e), complex), np.empty(len(e))
-    for k, order in enumerate(grid):
-        np.rint(np.multiply(rate, order, out=place), out=place)
-        np.clip(place, -middle, middle, out=place)
-        np.add(place, middle, out=line, casting="unsafe")
-        upper[k] += shape @ np.take(table, line, out=left, mode="clip")
-        lower[k] += np.take(power, line, out=size, mode="clip").sum()
-        shape *= turn
+    n, size = len(e), 1 << (2 * len(e) - 1).bit_length()
+    frequencies, torque = np.fft.rfftfreq(size, step), np.zeros(n)
+    for own, answer in zip(e.T, response.T, strict=True):
+        at = np.interp(frequencies, lines, answer.real, right=0.0) + 1j * np.interp(
+            frequencies, lines, answer.imag, right=0.0)
+        torque += np.fft.irfft(np.fft.rfft(own, size) * np.conj(at), size)[:n]
+    return torque
+
+
+def _over_angle(torque: np.ndarray, angle: np.ndarray, reach: float) -> np.ndarray:
+    """What a torque (n,) has of each order of an angle: one transform over twice its reach, so that lines of the
+    transform are pi / reach apart.
+    """
+    place = (angle - angle.min()) / (2.0 * reach) * CELLS
+    cell = np.floor(place).astype(int)
+    part = place - cell
+    cells = np.bincount(cell, torque * (1.0 - part), CELLS + 1) + np.bincount(cell + 1, torque * part, CELLS + 1)
+    cells[0] += cells[CELLS]
+    return np.conj(np.fft.rfft(cells[:CELLS]))
+
+
+def _left_by(grid: np.ndarray, speed: np.ndarray, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """(k,) how much a torque of each order of a grid would leave in the innovations, by how often each speed is."""
+    power = np.concatenate(([0.0], (np.abs(response) ** 2).sum(axis=1), [0.0]))
+    count, edge = np.histogram(np.abs(speed) / (2.0 * np.pi * lines[0]), SPEEDS)
+    at = np.clip(np.rint(np.outer(grid, 0.5 * (edge[1:] + edge[:-1]))), 0, LINES + 1).astype(int)
+    return power[at] @ count
 
 
 def innovations(base: Model) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:

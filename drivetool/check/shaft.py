@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.model import Model, everything, from_start, heard_afresh
+from drivetool.check.model import Model, from_start
 from drivetool.check.preflight import Fault
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
@@ -118,8 +118,7 @@ def lead_of(factor: float, tasks: Sequence[Task]) -> float:
         found = [np.inf]
         for task in tasks:
             with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-                model = from_start(task)
-                found.append(heard_afresh(model, everything(model.problem)).value)
+                found.append(from_start(task).value)
         return min(found)
 
     count = sum(int(np.isfinite(e.signals["shaft_torque"][a:b]).sum()) for e in tasks[0].experiments

@@ -16,8 +16,8 @@ import numpy as np
 
 from drivetool.check.decide import LEAST, SURPLUS
 from drivetool.check.heldout import unlikely
-from drivetool.check.model import BROKEN, Masks, Model, fit, judge
-from drivetool.check.rounds import Search
+from drivetool.check.model import BROKEN, Masks, Model, everything, fit, judge
+from drivetool.check.search.result import Searched
 from drivetool.check.shaft import BLAMED, SCALE, rescaled
 from drivetool.drive.chain import GEARED
 from drivetool.identify.noise import by_parabolas
@@ -29,6 +29,7 @@ STEP = 0.01  # relative change of the scale, of a first step
 FAR = 0.3  # beyond, the motor alone tells it
 CLOSE = 5e-4  # of a scale to one that was tried, for which another fit does not pay
 POWERS = {"inertia": 2, **GEARED}  # of the turns of the motor for one of a body, by which what it has counts less
+ROUNDS = 4  # of a fit with another scale
 TRIED = 3  # widths over which the curvature is looked at
 
 
@@ -45,7 +46,7 @@ class Scaled(NamedTuple):
     values: Mapping[str, float]
 
 
-def scale_beside(search: Search, records: Sequence[Experiment]) -> Scaled | None:
+def scale_beside(search: Searched, records: Sequence[Experiment]) -> Scaled | None:
     """The scale of the shaft torque beside what was found, None where there is no sensor or it is right.
 
     records  that the search was over
@@ -54,7 +55,7 @@ def scale_beside(search: Search, records: Sequence[Experiment]) -> Scaled | None
     if ROLE not in model.task.roles.outputs:
         return None
     with suppress(*BROKEN):
-        log, std, lead, other = likeliest(model, search.masks)
+        log, std, lead, other = likeliest(model, everything(model.problem))
         factor = float(np.exp(log))
         sure = unlikely(lead, 1) > np.log(1.0 / search.options.error_budget)
         if abs(factor - 1.0) > max(SCALE, BLAMED * factor * std) and sure:
@@ -105,7 +106,7 @@ def with_scale(model: Model, factor: float, masks: Masks) -> Model:
     traces = tuple(replace(t, outputs=t.outputs / over) for t in model.problem.traces)
     problem, noise = replace(model.problem, traces=traces), replace(model.noise, scale=model.noise.scale / over)
     start = min((model.point, _shared_anew(model, factor)), key=lambda p: judge(problem, p, noise, masks))
-    return fit(model.code, model.task, problem, start, noise, masks, rounds=3)
+    return fit(replace(model, problem=problem, point=start, noise=noise), masks, most=ROUNDS)
 
 
 def _shared_anew(model: Model, factor: float) -> Point:
@@ -131,8 +132,8 @@ def measured_samples(model: Model, masks: Masks) -> int:
                for t, mask in zip(model.problem.traces, masks, strict=True))
 
 
-def likelier_so(again: Search, search: Search, factor: float) -> bool:
+def likelier_so(again: Searched, search: Searched, factor: float) -> bool:
     """Whether a search over records with a factor undone explains all that was measured better than one without."""
-    lead = (search.model.value - again.model.value
-            - measured_samples(search.model, search.masks) * float(np.log(factor)))
+    samples = measured_samples(search.model, everything(search.model.problem))
+    lead = search.model.value - again.model.value - samples * float(np.log(factor))
     return lead > LEAST + SURPLUS * (1 + len(again.model.task.free) - len(search.model.task.free))

@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.check.absence import law_of, needed
 from drivetool.check.between_records import finding_of, told_apart
 from drivetool.check.causes import CAUSES
-from drivetool.check.causes.starts import FAST, torque_size
-from drivetool.check.decide import Decision
-from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Gain, Round, State
+from drivetool.check.causes.starts import torque_size
+from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.exhibits import exhibits_of, view_of
-from drivetool.check.heldout import Score, total_evidence
 from drivetool.check.hum import hum
-from drivetool.check.hypothesis import TRIFLE, Tried, values_of
 from drivetool.check.judgement import WORSE, changing, judged, spoils
-from drivetool.check.model import BROKEN, Model
 from drivetool.check.model_run import run_model
 from drivetool.check.preflight import Fault
 from drivetool.check.rattle import confirmed
 from drivetool.check.sentence import experiment_of, sentence_of
-from drivetool.check.smallest import VISIBLE, resolved_by
 from drivetool.check.which_body import untold_bodies
 from drivetool.drive.chain import Drive
-from drivetool.drive.effects.load_step import RECORDS
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Outcome, Task, free_run
-from drivetool.identify.estimate import Estimate, Exhibit, Parameter
+from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.uncrossed import all_uncrossed, from_below
 
 if TYPE_CHECKING:
-    from drivetool.check.rounds import Search
+    from drivetool.check.search.result import Searched
 
 SHOWN = 3.0  # standard deviations from which a parameter of the base is one
 SETTLED = 5.0  # log likelihood by which the last fit may still move
@@ -46,82 +39,19 @@ SLOWER = 0.7  # of the rate at which torque noise forgets
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 
 
-def results_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision,
-               base: Model, gained: float) -> tuple[CandidateResult, ...]:
-    """One line per cause that was tried on top of the base, the best first.
-
-    gained  log likelihood by the causes that were found before, as the decision had it
-    """
-    by_code = {s.model.code: s for s in scores}
-    lines, most = [], max((base.value - t.model.value for t in tried if t.model is not None), default=0.0)
-    for t in tried:
-        code, s = t.candidate.code, by_code.get(t.candidate.code)
-        common = (code, law_of(t.candidate))
-        found = t.smallest if s is None or code not in decision.between else resolved_by(
-            t.candidate, t.smallest, s.model, base)
-        sizes = _visible(found, FAST * base.problem.traces[0].step)
-        if t.absent is not None:
-            lines.append(CandidateResult(*common, t.absent, smallest=sizes, reason=t.reason))
-        elif s is None:
-            state, reason = _unjudged(t, base.value - t.model.value, most)
-            lines.append(CandidateResult(*common, state, smallest=sizes, reason=reason))
-        else:
-            lines.append(CandidateResult(
-                *common, _state(s, decision), s.gain, s.gain_std,
-                total_evidence([s], gained) / float(np.log(10.0)), sizes, told(s.model, base),
-                _only_in(s.model), s.sure))
-    return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
-
-
-def told(model: Model, base: Model) -> tuple[Parameter, ...]:
-    """What a cause was fitted to be; nothing of one that ran away in it."""
-    try:
-        return values_of(model, base)
-    except BROKEN:
-        return ()
-
-
-def _only_in(model: Model) -> str:
-    """Which record alone has an event that happened once, if there are others."""
-    numbers = {v for n, v in model.task.drive.values.items() if n.endswith(RECORDS) and v > 0.0}
-    names = dict.fromkeys(t.name for t in model.problem.traces if t.record in numbers)
-    return f"Only {', '.join(names)} has it." if names else ""
-
-
-def _visible(resolved: Mapping[str, float], shortest: float) -> dict[str, float]:
-    """Smallest sizes that would have been seen; of a bandwidth the largest, whose lag is at least the shortest."""
-    return {n: 1.0 / max(VISIBLE * v, shortest) if n.endswith(".bandwidth") else VISIBLE * v
-            for n, v in resolved.items() if np.isfinite(v) and v > 0.0}
-
-
-def _unjudged(t: Tried, gain: float, most: float) -> tuple[State, str]:
-    """State and reason of a cause that had no chance on data held out."""
-    if gain > TRIFLE:
-        return "worse", (f"on the records it is fitted to it gains {gain:.0f} of log likelihood, the likeliest "
-                         f"cause {most:.0f}")
-    if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
-        return "not-shown", needed(t.candidate)
-    return "no-gain", "it does not make the records it is fitted to more likely"
-
-
-def _state(s: Score, decision: Decision) -> State:
-    if s.model.code in decision.between:
-        return "named" if len(decision.between) == 1 else "possible"
-    return "worse" if s.gain > 0.0 else "no-gain"
-
-
-def tell(search: Search, before: Drive, options: DiagnoseOptions) -> Diagnosis:
+def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
     gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first)
+    share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
     found = judged(search, estimate, gain, share)
     if search.found.causes and spoils(gain):
-        search.give_up()
+        search = search.given_up()
         gain, estimate = search.total_gain(), estimate_of(search, before, options)
     if UNLISTED in found.between:
-        search.rounds = [_doubting(one, one.cause) if one.cause in found.between else one for one in search.rounds]
+        search = replace(search, rounds=tuple(
+            _doubting(one, one.cause) if one.cause in found.between else one for one in search.rounds))
     task, causes = search.model.task, tuple(search.found.causes)
-    hums = hum(search.model, gain.unit) if found.doubt or found.verdict == "unexplained" else []
+    hums = hum(search.whole, gain.unit) if found.doubt or found.verdict == "unexplained" else []
     experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
                                found.doubt, bool(causes))
     sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
@@ -166,7 +96,7 @@ def _doubting(one: Round, code: str) -> Round:
         replace(c, state="possible") if c.code == code and c.state == "named" else c for c in one.candidates))
 
 
-def estimate_of(search: Search, before: Drive, options: DiagnoseOptions) -> Estimate:
+def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Estimate:
     """The last model as an estimate: settled, with intervals, over the records it was fitted to."""
     model, train = search.model, search.train
     task = replace(model.fitted, experiments=train)
@@ -209,12 +139,12 @@ def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fi
     return fit, fit.converged or fit.gain < SETTLED or abs(fit.value - before) < SETTLED
 
 
-def _exhibits(search: Search, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
+def _exhibits(search: Searched, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
     """The pictures; without them where a free run cannot be had."""
     views = []
     after = search.model.fitted.drive
-    base = search.first.fitted.drive
-    for e in search.first.task.experiments:
+    base = search.first.model.fitted.drive
+    for e in search.split.experiments:
         try:
             views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
         except DriveToolError:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.model import Model
-from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import TIP, Drive
 from drivetool.identify.engine import Task
 from drivetool.identify.problem import Point, Problem
@@ -124,16 +123,9 @@ def without_tip(task: Task, before: Drive) -> Task:
     return replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in free))
 
 
-def states_of(task: Task, step: float) -> list[str]:
-    """Names of the states of a task's model."""
-    layout = Layout(task.free, task.roles.inputs, task.roles.outputs, step, gradient=False)
-    return Assembly(task.drive, layout).states
-
-
 def carried(base: Model, task: Task, problem: Problem) -> Point:
     """The point of another task that keeps what the base knows: start states by their names."""
-    old = states_of(base.task, problem.traces[0].step)
-    new = states_of(task, problem.traces[0].step)
+    old, new = list(base.problem.states), list(problem.states)
     starts = []
     for start, trace in zip(base.point.starts, problem.traces, strict=True):
         x = np.zeros(len(new))

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.causes.starts import turns
-from drivetool.check.model import BROKEN, Masks, Model, at_rest, fit
+from drivetool.check.model import BROKEN, Masks, Model, everything, fit
 from drivetool.check.structure import carried
 from drivetool.errors import Finding
 
 if TYPE_CHECKING:
-    from drivetool.check.rounds import Search
+    from drivetool.check.search.result import Searched
 
 ALIKE = 4.0  # log likelihood within which the record does not tell
 
 
-def untold_bodies(search: Search) -> list[Finding]:
+def untold_bodies(search: Searched) -> list[Finding]:
     """What to say of laws that would explain the records as well on another body of the drive."""
     bodies, found = search.model.task.drive.bodies, []
     for code in search.found.causes:
@@ -30,12 +30,12 @@ def untold_bodies(search: Search) -> list[Finding]:
     return found
 
 
-def _elsewhere(search: Search, name: str, others: Sequence[str], power: int) -> list[Finding]:
+def _elsewhere(search: Searched, name: str, others: Sequence[str], power: int) -> list[Finding]:
     """The likeliest of the other bodies, where the record does not tell it from the one that has the law."""
     alike = []
     for other in others:
         try:
-            there = moved(search.model, name, other, power, search.masks)
+            there = moved(search.model, name, other, power, everything(search.model.problem))
         except BROKEN:  # then nothing is said of it
             continue
         if there.value < search.model.value + ALIKE:
@@ -51,10 +51,10 @@ def moved(model: Model, name: str, other: str, power: int, masks: Masks) -> Mode
     drive = replace(task.drive, values=values | {other: task.drive.value(name) * (there / here) ** power})
     task = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free, other} - {name}))
     problem = task.problem()
-    return at_rest(fit(model.code, task, problem, carried(model, task, problem), model.noise, masks), masks)
+    return fit(replace(model, task=task, problem=problem, point=carried(model, task, problem)), masks)
 
 
-def _finding(search: Search, name: str, other: str, there: Model) -> Finding:
+def _finding(search: Searched, name: str, other: str, there: Model) -> Finding:
     value, lead = there.fitted.drive.value(other), there.value - search.model.value
     both, logged = "look at both ends of the drive.", search.model.task.roles.outputs
     return Finding(

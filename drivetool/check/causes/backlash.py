@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause, Start
@@ -34,7 +35,7 @@ def _hardly_open(base: Model) -> Start:
 def _ends(base: Model, masks: Masks) -> Sequence[Model]:
     from drivetool.check.rattle import rattles
 
-    return rattles(base, masks)
+    return [replace(m, code="backlash") for m in rattles(base, masks)]
 
 
 CAUSES = (Cause(

@@ -37,7 +37,7 @@ def _damped(owner: str) -> Callable[[Model, Model, Masks], Model]:
     Free from the start, it would make a lag of first order one of second order with two bandwidths.
     """
     def refined(model: Model, base: Model, masks: Masks) -> Model:
-        from drivetool.check.hypothesis import refitted
+        from drivetool.check.search.attempt import refitted
 
         bandwidth, order, damping = (f"{owner}.{what}" for what in ("bandwidth", "order", "damping"))
         drive = model.task.drive

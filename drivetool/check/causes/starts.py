@@ -102,9 +102,11 @@ def likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
     from drivetool.check.structure import carried
     from drivetool.identify.noise import filtered, minus_log_likelihood
     from drivetool.identify.problem import Point
+    from drivetool.identify.setup import problem_of
 
     def loss(start: Start) -> float:
-        problem = replace(start.task, free=()).problem()
+        task = start.task
+        problem = problem_of(task.drive, (), task.roles, base.problem.traces)
         point = Point(np.empty(0), carried(base, start.task, problem).starts)
         return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
     return [min(starts, key=loss)]
