@@ -75,7 +75,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         settled = arrived or rounds >= 2
         wide = (rounds == 2 and not arrived) or rounds % ANEW == 0
         around = None if wide and noise.memory is None else noise.ratio
-        fresh = _sensor_scales(problem, point, fit_ratio(problem, point, noise, around, settled)) if renewed else noise
+        fresh = fit_ratio(problem, point, noise, around, settled) if renewed else noise
+        fresh = _sensor_scales(problem, point, fresh) if renewed else noise
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)

@@ -99,7 +99,9 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
                              kick)
         gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
         passes.append(_told(replace(found, gains=gains, variance=found.variance / unit), t))
-    return passes if problem.counts is None else [_counted(f, m) for f, m in zip(passes, problem.counts, strict=True)]
+    if problem.counts is None:
+        return passes
+    return [_counted(f, mask) for f, mask in zip(passes, problem.counts, strict=True)]
 
 
 def _counted(found: Filtered, mask: np.ndarray) -> Filtered:
