@@ -8,8 +8,10 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import chi2
 
-from drivetool.check.diagnose import base_model
-from drivetool.check.model import Model
+from drivetool.check.causes import CAUSES
+from drivetool.check.model import Model, everything, from_start
+from drivetool.check.search.attempt import Tried, attempt, screen
+from drivetool.check.search.begin import stand_at
 from drivetool.drive.chain import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.setup import roles_of
@@ -141,4 +143,10 @@ def one_sensor(seed: int, torque_noise: float = 0.002, spikes: Mapping[int, floa
             "shaft.damping")
     drive = drive_like(machine, list(free))
     task = Task(drive, free, roles_of([record], drive), (record,))
-    return base_model(task), torque_noise * rated / sensor
+    return from_start(task), torque_noise * rated / sensor
+
+
+def tried(code: str, base: Model) -> Tried:
+    """A cause fitted on top of a base, from every start of its own that is worth it."""
+    masks = everything(base.problem)
+    return attempt(screen(CAUSES[code], [stand_at(base)], masks), base, masks)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.hypothesis import _contenders
+from drivetool.check.search.attempt import _contenders
 from drivetool.drive.chain import two_mass
 
 

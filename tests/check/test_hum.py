@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.diagnose import base_model
 from drivetool.check.hum import hum, lines_of
+from drivetool.check.model import from_start
 from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -28,7 +28,7 @@ SENSOR = 0.002 * MACHINE.rated_torque * 0.25 / sum(MACHINE.inertia)
 def base_of(record):
     """The base of a diagnosis of a record, begun at the machine's values."""
     drive = drive_like(MACHINE, list(FREE))
-    return base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
+    return from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
 
 
 def with_hum(record, frequency, rms):
@@ -58,7 +58,7 @@ def test_a_filter_that_hardly_trusts_the_past_does_not_make_a_hum_larger():
     signals = {"motor_torque": torque, "motor_angle": angle + rng.normal(0.0, noise, size) + wave}
     record = Experiment("angle", "0" * 64, STEP, 0.0, signals, ((0, size),), torque_is="command")
     drive = one_body().with_values({"motor.inertia": inertia, "motor.viscous": 1e-4})
-    model = base_model(Task(drive, ("motor.inertia", "motor.viscous"), roles_of([record], drive), (record,)))
+    model = from_start(Task(drive, ("motor.inertia", "motor.viscous"), roles_of([record], drive), (record,)))
     (line,) = lines_of(model)
     assert line.frequency == pytest.approx(445.0, abs=1.5)
     assert line.rms == pytest.approx(0.7 * noise, rel=0.1)

@@ -82,7 +82,7 @@ def test_the_scale_fitted_together_with_the_drive_is_within_its_error(seed, scal
     """And gains what two fits from the start gain."""
     record, drive = recorded(seed, scale)
     task = Task(drive, FREE, roles_of([record], drive), (record,))
-    model = from_start(task, rounds=10)
+    model = from_start(task)
     log, std, lead, _ = likeliest(model, everything(model.problem))
     assert abs(log - np.log(scale)) < 3.0 * std
     assert std < 0.02

@@ -53,7 +53,7 @@ def test_gaps_many_times_the_twist_are_looked_at(twists, machine):
     values = plain_values(case.rig)
     drive = two_mass().with_values(values)
     task = Task(drive, tuple(n for n in drive.quantities if n in values), roles_of([record], drive), (record,))
-    base = from_start(task, everything(task.problem()), rounds=0)
+    base = from_start(task, everything(task.problem()), most=0)
     found = half_gaps(base, "shaft.half_gap", torque_size(base, "shaft"))
     truth = case.hidden[0].truth["shaft.half_gap"]
     assert min(abs(np.log(np.array(found) / truth))) < np.log(GAPS[1] / GAPS[0])  # from there a fit goes on
