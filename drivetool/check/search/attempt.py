@@ -106,8 +106,9 @@ def attempt(screened: Screened, base: Model, masks: Masks, more: Iterable[Model]
     goal  value of the likeliest cause so far: what is far from it after a few rounds goes no further
     """
     cause, reason, ends = screened.cause, screened.reason, []
-    starts = ROUGH if cause.rough else STARTS if np.isinf(goal) else 1
-    for start in [*_worth(screened, starts), *more]:
+    most = ROUGH if cause.rough else STARTS if np.isinf(goal) else 1
+    starts = [*_worth(screened, most), *more]
+    for start in starts:
         try:
             model = start.ready(masks) if isinstance(start, Begun) else start
             ends.append(fit(model, masks, most=FIRST, goal=goal))
@@ -127,7 +128,8 @@ def attempt(screened: Screened, base: Model, masks: Masks, more: Iterable[Model]
         except BROKEN as error:
             reason = str(error)
     if not finished:
-        return Tried(cause, None, screened.smallest, f"its fit failed: {reason}", "failed")
+        # Where no start is worth a fit none has failed.
+        return Tried(cause, None, screened.smallest, *((f"its fit failed: {reason}", "failed") if starts else ()))
     best = min(finished, key=lambda m: m.value)
     return sizeable(Tried(cause, best, screened.smallest), base)
 
