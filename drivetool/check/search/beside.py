@@ -21,6 +21,7 @@ from drivetool.check.search.search import Expansion, Node, Search
 
 BESIDE = "asked again beside what was found after it"
 CLOSE = SHARE  # of what a cause gained, from which a look-alike was close behind it
+APART = 0.1  # relative difference from which a ripple is of another order, a step at another instant
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def asked_beside(search: Search, path: Sequence[Expansion]) -> Asked:
     last = path[-1].child or path[-1].node
     steps = {e.child.causes[-1]: e for e in path if e.child is not None}
     found = Found(
-        last.causes, {c: tuple(r for r in e.decision.between if r != c) for c, e in steps.items()},
+        last.causes, {c: _open(c, e, last) for c, e in steps.items()},
         {c: e.decision.evidence for c, e in steps.items()}, last.added, last.gained,
         frozenset(s.model.code for e in steps.values() for s in e.scores if s.sure))
     asked = Asked(last, found, tuple(e.round for e in path))
@@ -47,6 +48,22 @@ def asked_beside(search: Search, path: Sequence[Expansion]) -> Asked:
         except BROKEN:  # then what was open of it stands
             continue
     return asked
+
+
+def _open(code: str, step: Expansion, last: Node) -> tuple[str, ...]:
+    """What explained the records as well as a cause when that was found, without what is there beside it by now."""
+    models = {s.model.code: s.model for s in step.scores}
+    return tuple(r for r in step.decision.between
+                 if r != code and not (r in last.causes and _same(r, models.get(r), last.model)))
+
+
+def _same(code: str, tied: Model | None, found: Model) -> bool:
+    """Whether a cause that tied is the one that was found later: a ripple of another order is not."""
+    place = CAUSES[code].place
+    if not place or tied is None:
+        return True
+    before, now = ([m.fitted.drive.values[n] for n in m.task.free if n.endswith(place)] for m in (tied, found))
+    return any(abs(one - other) <= APART * abs(one) for one in before for other in now)
 
 
 def _again(search: Search, asked: Asked, code: str, step: Expansion) -> Asked:
