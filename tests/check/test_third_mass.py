@@ -1,15 +1,13 @@
-"""Causes of several rounds: which stay rivals, and what a later one makes needless."""
+"""A third mass: split off, gone back to where it was, and none where only the start swings out."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from drivetool.check.causes import FITTED
-from drivetool.check.decide import Decision
-from drivetool.check.found import Found, rivals_with, rivals_without
-from drivetool.check.hypothesis import Tried, sizeable
-from drivetool.check.model import everything, fit, from_start
+from drivetool.check.causes import CAUSES
+from drivetool.check.model import begun, everything, fit, from_start
+from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.check.structure import (
     carried,
     states_of,
@@ -31,78 +29,6 @@ from tests.simulator.simulate import simulate_linear
 
 FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.viscous", "load.idle_torque", "shaft.stiffness",
         "shaft.damping")
-DELAYS = ("converter-lag", "speed-filter", "dead-time")
-
-
-@pytest.mark.parametrize(("rounds", "expected"), [
-    ([("backlash", ("backlash",))], {"backlash": ()}),
-    ([("coulomb-load", ("coulomb-load", "coulomb-motor"))], {"coulomb-load": ("coulomb-motor",)}),
-    # One, and then the other: both are there.
-    ([("coulomb-load", ("coulomb-load", "coulomb-motor")), ("coulomb-motor", ("coulomb-motor",))],
-     {"coulomb-load": (), "coulomb-motor": ()}),
-    # A delay that is found beside a third mass was not its rival; which delay it is stays open.
-    ([("third-mass", ("third-mass", *DELAYS)), ("converter-lag", (*DELAYS, "asymmetric-friction")),
-      ("asymmetric-friction", ("asymmetric-friction",))],
-     {"third-mass": (), "converter-lag": DELAYS[1:], "asymmetric-friction": ()}),
-    # Nothing was learnt about what was open before.
-    ([("converter-lag", DELAYS), ("backlash", ("backlash", "hardening-stiffness"))],
-     {"converter-lag": DELAYS[1:], "backlash": ("hardening-stiffness",)})])
-def test_what_stays_open_from_round_to_round(rounds, expected):
-    rivals = {}
-    for code, between in rounds:
-        rivals = rivals_with(rivals, code, between)
-    assert rivals == expected
-
-
-@pytest.mark.parametrize(("first", "expected"), [
-    (("torque-ripple", "imbalance"), ()),  # a load step was as good beside the ripple; alone it is not
-    (("torque-ripple", "imbalance", "load-step"), ("load-step",)),
-    (("torque-ripple",), ("load-step", "quadratic-drag"))])  # what these would do without it is not known
-def test_what_stays_open_when_a_cause_turns_out_needless(first, expected):
-    rivals = rivals_with({}, "torque-ripple", first)
-    rivals = rivals_with(rivals, "imbalance", ("imbalance", "load-step", "quadratic-drag"))
-    assert rivals_without(rivals, "torque-ripple", first) == {"imbalance": expected}
-
-
-@pytest.mark.parametrize(("order", "still"), [(4.0, ("torque-ripple",)), (1.02, ())])
-def test_a_tie_with_a_ripple_ends_with_a_ripple_of_that_order_only(order, still):
-    """A motor's ripple of order one, taken for imbalance of the load, was named so once one of order four came."""
-    found = Found()
-    tied = ("imbalance", "torque-ripple")
-    found.take("imbalance", Decision(None, tied, 30.0), ["load.imbalance_cos"], 22.0, {"torque-ripple": 1.01})
-    found.take("torque-ripple", Decision(None, ("torque-ripple",), 30.0), ["motor.ripple_cos"], 90.0,
-               {"torque-ripple": order})
-    assert found.causes == ["imbalance", "torque-ripple"]
-    assert found.rivals["imbalance"] == still and found.between == (("imbalance", *still) if still else ())
-
-
-def test_what_was_found_beside_a_cause_that_is_gone_is_asked_again():
-    """Unless it tied with that: then which of its rivals it has alone is known already."""
-    found = Found()
-    for between in (("third-mass", "dead-time"), ("dead-time",), ("quadratic-drag", "load-step")):
-        found.take(between[0], Decision(None, between, 30.0), [f"{between[0]}.size"], 100.0)
-    before = tuple(found.causes)
-    assert found.unsure(before) == []
-    found.drop("third-mass")
-    assert found.unsure(before) == ["quadratic-drag"] and "third-mass" not in found.evidence
-    assert found.between == ("quadratic-drag", "load-step")
-    found.reopen("quadratic-drag", ("quadratic-drag", "dead-time"))
-    assert found.between == ()  # dead time is there beside it
-    found.reopen("quadratic-drag", ("friction-drift", "quadratic-drag"))
-    assert found.between == ("quadratic-drag", "friction-drift")
-
-
-def test_a_cause_that_turns_out_its_special_case_is_called_that_in_all_that_is_said():
-    found = Found()
-    found.take("load-step", Decision(None, ("load-step", "coulomb-motor"), 30.0), ["load.step_torque"], 9.0)
-    found.take("stribeck-motor", Decision(None, ("stribeck-motor", "quadratic-drag"), 30.0),
-               ["motor.stribeck", "motor.coulomb"], 9.0)
-    before = tuple(found.causes)
-    found.rename("stribeck-motor", "coulomb-motor", ["motor.coulomb"])
-    assert found.causes == ["load-step", "coulomb-motor"] and set(found.evidence) == set(found.causes)
-    assert found.added["coulomb-motor"] == ("motor.coulomb",)
-    assert found.between == ("coulomb-motor", "quadratic-drag")  # dry friction is there beside the load step
-    assert found.unsure(before) == []  # nothing is gone
 
 
 def model_of(record, machine):
@@ -191,7 +117,6 @@ def test_a_swing_from_the_start_is_no_third_mass():
     masks = everything(base.problem)
     task = with_tip(base, 0.003, 0.4 / resonance(machine), 0.2)
     problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
-    model = fit("third-mass", task, problem, carried(base, task, problem), base.noise, masks)
-    third = next(c for c in FITTED if c.code == "third-mass")
+    model = fit(begun("third-mass", task, problem, carried(base, task, problem), base.noise), masks)
     assert model.value < base.value - 100.0
-    assert sizeable(Tried(third, (model,), {}), base, masks).absent == "no-gain"
+    assert sizeable(Tried(CAUSES["third-mass"], model, {}), base).absent == "no-gain"
