@@ -1,4 +1,4 @@
-"""Causes that others were found after, asked again beside those: needless, simpler, exchanged, or rivals no more."""
+"""Causes that others were found after, asked again beside those: needless, simpler, exchanged, rivals or none."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def told(after):
 
 
 class Search:
-    """What asks again: how much less likely the records are without a cause, and what each is worth beside the others.
+    """What asks again: what is lost without a cause, and what each is worth beside the others.
 
     worth  cause -> -log likelihood that is lost without its parameters, 500 if it is not said
     gains  cause -> per block, where it is asked again

@@ -25,7 +25,7 @@ def end(value, order=2.0, owner="motor"):
 
 @pytest.mark.parametrize(("behind", "order", "owner", "kept"), [
     pytest.param(30.0, 1.0, "motor", True, marks=pytest.mark.xfail(
-        strict=True, reason="of ends that differ in numbers only the best alone goes on, however close the others")),
+        strict=True, reason="of ends that differ in numbers the best alone goes on, however close others are")),
     (100.0, 1.0, "motor", False), (100.0, 2.0, "motor", True),
     (800.0, 2.0, "motor", False), (650.0, 1.0, "load", True), (800.0, 1.0, "load", False)])
 def test_a_lag_of_another_order_and_a_law_of_another_body_are_given_up_later(behind, order, owner, kept):

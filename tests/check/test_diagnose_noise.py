@@ -109,7 +109,8 @@ def test_slow_noise_stands_in_for_a_law_until_that_is_there(share):
     """Dry friction: a base without it is likelier under slow noise, the friction itself under white noise."""
     machine = machine_by_seed(20)
     record, _ = reversing_record(replace(machine, coulomb=(share * machine.rated_torque, 0.0)), 20, 4.0)
-    free = ("motor.inertia", "load.inertia", "total.viscous", "total.idle_torque", "shaft.stiffness", "shaft.damping")
+    free = ("motor.inertia", "load.inertia", "total.viscous", "total.idle_torque", "shaft.stiffness",
+            "shaft.damping")
     drive = drive_like(machine, list(free))
     base = from_start(Task(drive, free, roles_of([record], drive), (record,)))
     masks = everything(base.problem)
@@ -120,7 +121,7 @@ def test_slow_noise_stands_in_for_a_law_until_that_is_there(share):
     assert cause.value < slow.value - 50.0
 
 
-@pytest.mark.xfail(strict=True, reason="a noise with a memory that is no longer asked for keeps one: 1.6 above white")
+@pytest.mark.xfail(strict=True, reason="a memory that is no longer asked for stays: 1.6 above white")
 def test_torque_noise_that_remembers_is_left_where_white_noise_is_likelier():
     """A cause that is missing looks like slow noise; once it is there, the memory must be able to go."""
     white, _ = one_sensor(20)
@@ -131,7 +132,7 @@ def test_torque_noise_that_remembers_is_left_where_white_noise_is_likelier():
     assert again.noise.memory is None and again.value < white.value + 1.0
 
 
-@pytest.mark.xfail(strict=True, reason="a fit looks for the torque noise about its own only: it stays at 1e-4 of it")
+@pytest.mark.xfail(strict=True, reason="a fit looks for torque noise near its own only: it stays at 1e-4")
 @pytest.mark.parametrize("seed", [20, 23])
 def test_a_torque_noise_that_was_absorbed_is_heard_again(seed):
     base, ratio = one_sensor(seed)

@@ -55,7 +55,8 @@ def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
                 continue
             scale = 1.0 if owner == "motor" else GEAR ** POWER[what]
             if name not in one.amplitudes:
-                assert there.model.point.values[j] == pytest.approx(scale * begun.model.point.values[j], rel=1e-6), name
+                mine, theirs = (at.model.point.values[j] for at in (begun, there))
+                assert theirs == pytest.approx(scale * mine, rel=1e-6), name
             allowed = one.task.drive.quantity(name).bounds  # of a unit, not of a drive
             for end in ("low", "high"):
                 mine, theirs = (getattr(at.model.problem, end)[j] for at in (begun, there))

@@ -17,7 +17,7 @@ CLEAN = SimpleNamespace(findings=())
 
 
 def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), sure=True, free=(), told=()):
-    """A search that found one cause in one round, and what it leaves; told: causes that blocks tell beside others."""
+    """A search that found one cause in one round, and what it leaves; told: causes that blocks tell later."""
     found = Found((code,), {code: rivals}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
     line = CandidateResult(code, "", "named", gain, gain_std, 50.0, sure=sure)
     return SimpleNamespace(

@@ -11,7 +11,6 @@ from drivetool.check.folds import blocks_of
 from drivetool.check.heldout import extended, trained_on
 from drivetool.check.model import from_start
 from drivetool.check.samples import split_of
-from drivetool.check.structure import states_of
 from drivetool.drive.linearise import resonances
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -26,7 +25,7 @@ SLOW = 3.0  # Hz
 
 
 def slow_record(seed, size=9000):
-    """A soft drive: its record from the middle of a motion, the drive like it, its states there, the sensor's noise."""
+    """A soft drive: its record from the middle of a motion, the drive like it, its states there, its noise."""
     machine = machine_by_seed(seed)
     motor, load = machine.inertia
     stiffness = (2.0 * np.pi * SLOW) ** 2 * motor * load / (motor + load)
@@ -83,7 +82,7 @@ def test_a_record_held_out_begins_where_its_own_beginning_says(held):
     motor, load = (base.fitted.drive.value(f"{body}.inertia") for body in ("motor", "load"))
     std = {"motor.speed": np.sqrt(3.0), "load.speed": np.hypot(1.0, np.sqrt(2.0) * motor / load),
            "shaft.twist": np.sqrt(2.0) * (motor + load) / load / (2.0 * np.pi * SLOW)}
-    names = states_of(base.task, STEP)
+    names = base.problem.states
     assert set(names) == set(start)
     for name, value in zip(names, whole.point.starts[1], strict=True):
         assert value == pytest.approx(start[name], abs=4.0 * std[name] * noise / np.sqrt(split.heads[0])), name

@@ -1,4 +1,4 @@
-"""The search over sets of causes: what is fitted on top of a node, what is judged, and what becomes the next node."""
+"""The search over sets of causes: what is fitted on top of a node, what is judged, what is the next one."""
 
 from __future__ import annotations
 
@@ -169,12 +169,14 @@ def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch,
     cause = replace(CAUSES["torque-ripple"], another=lambda model, _: more if model is one else None)
     monkeypatch.setattr(searching, "CAUSES", {**CAUSES, "torque-ripple": cause})
     monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
-    monkeypatch.setattr(searching, "score", lambda model, *_: Score(model, np.full(4, gain / 4.0), (), (), ("more",)))
+    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
+        model, np.full(4, gain / 4.0), (), (), ("more",)))
     search = Search.__new__(Search)
     search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
         model=ROOT.model, folds=()))}
     child = search._child(ROOT, Score(one, np.full(4, 20.0), (), (), ("one",)))
-    assert (child.model, child.trained, child.gained) == ((more, ("more",), gain) if taken else (one, ("one",), 80.0))
+    expected = (more, ("more",), gain) if taken else (one, ("one",), 80.0)
+    assert (child.model, child.trained, child.gained) == expected
 
 
 class Steps(Search):
@@ -260,12 +262,13 @@ def test_nothing_is_found_where_nothing_is_missing():
 
 
 def test_a_model_without_a_law_is_the_model_before_it():
-    """Without its surplus breakaway friction is dry friction of the same size; a lag takes its order along."""
+    """Without its surplus breakaway friction is dry friction of the same size."""
     machine = replace(BODY, coulomb=(0.08,))
     search = one_body_search(machine, FRICTION, size=3000)
     path, _ = search.path()
     model, drive = path[0].child.model, search.root.model.task.drive
-    values = {**model.fitted.drive.values, "motor.coulomb": 0.05, "motor.stribeck": 0.03, "motor.stribeck_speed": 1.0}
+    values = {**model.fitted.drive.values, "motor.coulomb": 0.05, "motor.stribeck": 0.03,
+              "motor.stribeck_speed": 1.0}
     names = ("motor.stribeck", "motor.stribeck_speed")
     task = replace(model.task, drive=replace(model.task.drive, values=values),
                    free=(*model.task.free, *names))

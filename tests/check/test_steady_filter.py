@@ -124,7 +124,7 @@ def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
 
 @pytest.mark.parametrize("turning", [1.0, -1.0])
 def test_the_score_of_an_order_is_what_its_shape_explains(turning):
-    """What a torque of an order leaves, sample by sample, is the sum of its projections; backwards it is conjugate."""
+    """What a torque of an order leaves, projected sample by sample; backwards the response is conjugate."""
     rng, size, step = np.random.default_rng(1), 3000, 1e-3
     lines = np.linspace(0.0, HIGHEST / step, LINES + 1)[1:]
     # A low-pass of 8 ms, in closed form: its memory is short against the record.
@@ -142,7 +142,7 @@ def test_the_score_of_an_order_is_what_its_shape_explains(turning):
 
 
 def test_what_an_order_leaves_is_the_response_at_its_frequency_and_nothing_beyond_the_last_line():
-    """A motor that runs at 100 Hz backwards and at 200 Hz: the faster one leaves the lines from an order of ten on."""
+    """A motor at 100 Hz backwards and at 200 Hz: the faster one is past all lines from an order of ten on."""
     lines = np.arange(1.0, LINES + 1.0)
     response = np.array([0.6, 0.8j]) / (1.0 + 1j * lines / 300.0)[:, None]
     speed = 2.0 * np.pi * np.repeat([-100.0, 200.0], (300, 500))

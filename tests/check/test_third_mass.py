@@ -10,7 +10,6 @@ from drivetool.check.model import begun, everything, fit, from_start
 from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.check.structure import (
     carried,
-    states_of,
     with_large_tip,
     with_middle,
     with_tip,
@@ -90,9 +89,9 @@ def test_a_mass_in_the_shaft_leaves_the_resonance_where_it_is_and_goes_back(base
     assert back.drive.value("load.inertia") == pytest.approx(before.value("load.inertia"), rel=1e-12)
     assert back.drive.value("shaft.stiffness") == pytest.approx(one * other / (one + other), rel=1e-12)
     problem = problem_of(longer.drive, longer.free, longer.roles, base.problem.traces)
-    names, start = states_of(longer, STEP), carried(base, longer, problem).starts[0]
+    names, start = problem.states, carried(base, longer, problem).starts[0]
     twists = [start[names.index(f"{s}.twist")] for s in longer.drive.shafts]
-    assert sum(twists) == pytest.approx(base.point.starts[0][states_of(base.task, STEP).index("shaft.twist")])
+    assert sum(twists) == pytest.approx(base.point.starts[0][base.problem.states.index("shaft.twist")])
     assert twists[0] == pytest.approx(place * sum(twists))
 
 
