@@ -243,9 +243,11 @@ def one_body_search(machine, codes, seed=3, size=6000):
 FRICTION = ("coulomb-motor", "stribeck-motor", "quadratic-drag", "asymmetric-friction")
 
 
-def test_two_laws_of_one_body_are_found_one_after_the_other():
+@pytest.mark.parametrize(("codes", "seed", "size"), [
+    (("coulomb-motor", "quadratic-drag"), 5, 2400), pytest.param(FRICTION, 3, 6000, marks=pytest.mark.slow)])
+def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     machine = replace(BODY, coulomb=(0.08,), effects=Effects(quadratic=(4e-4,)))
-    search = one_body_search(machine, FRICTION)
+    search = one_body_search(machine, codes, seed, size)
     path, unasked = search.path()
     asked = asked_beside(search, path)
     assert unasked == "" and sorted(asked.found.causes) == ["coulomb-motor", "quadratic-drag"]
