@@ -28,7 +28,7 @@ from drivetool.check.search.attempt import HALF, TRIFLE, Screened, Tried, as_spe
 from drivetool.check.search.begin import stand_at
 from drivetool.check.search.foretell import against
 from drivetool.check.search.lines import lines_of
-from drivetool.check.search.result import Base
+from drivetool.check.search.result import Base, gain_between
 from drivetool.progress import counted
 
 WORKERS = 2
@@ -143,7 +143,10 @@ class Search:
         found = Expansion(node, tuple(tried), tuple(scores), decision, lines)
         if decision.best is None:
             return found
-        return replace(found, child=self._child(node, decision.best), stage=stage)
+        child = self._child(node, decision.best)
+        if child.trained is not decision.best.trained:
+            stage = gain_between(self.base(node.model), child.trained, self.split, child.gained)
+        return replace(found, child=child, stage=stage)
 
     def _tried(self, node: Node, among: Sequence[Cause], asked: bool, ends: Sequence[Model]) -> list[Tried]:
         """The causes on top of a node, those fitted that are worth it, the leader first."""
@@ -222,8 +225,11 @@ class Search:
             if known.gain < gain:
                 break
             model, gain, trained = more, known.gain, known.trained
-        # Across a gap, say, friction of the motor and of the load are no longer the same.
-        model = with_parts(model, self.masks)
+        # Across a gap, say, friction of the motor and of the load are no longer the same: in no fold either.
+        parted = with_parts(model, self.masks)
+        if parted is not model:
+            known = score(parted, self.base(node.model).model, self.base(node.model).folds, self.split)
+            model, gain, trained = parted, known.gain, known.trained
         added = tuple(n for n in model.task.free if n not in node.model.task.free)
         # A law takes the place of its special case that was found before.
         special = [c for c in node.causes if c in CAUSES[model.code].special]
