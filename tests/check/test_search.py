@@ -179,6 +179,21 @@ def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch,
     assert (child.model, child.trained, child.gained) == expected
 
 
+def test_parts_of_friction_that_are_told_apart_are_trained_in_every_fold(monkeypatch):
+    """By a sum that is shared out by rule free runs would be judged, and a gap given up that is there."""
+    whole, parted = model_of("backlash", -90.0), model_of("backlash", -180.0)
+    monkeypatch.setattr(searching, "with_parts", lambda model, _: parted if model is whole else model)
+    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
+        model, np.full(4, 40.0), (), (), (f"{model.value}",)))
+    search = Search.__new__(Search)
+    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
+        model=ROOT.model, folds=()))}
+    child = search._child(ROOT, Score(whole, np.full(4, 20.0), (), (), ("-90.0",)))
+    assert (child.model, child.trained, child.gained) == (parted, ("-180.0",), 160.0)
+    child = search._child(ROOT, Score(parted, np.full(4, 20.0), (), (), ("as it was",)))
+    assert (child.model, child.trained, child.gained) == (parted, ("as it was",), 80.0)
+
+
 class Steps(Search):
     """A search whose steps are given: the causes found, one after the other, until None."""
 
