@@ -21,7 +21,7 @@ from tests.recover import experiment
 
 @pytest.fixture(scope="module")
 def wide(tmp_path_factory):
-    """(the answer, true values): a base from steps that keep the gap closed, and records that cross it all the time."""
+    """(the answer, true values): a base from steps that keep the gap closed, records that cross it all the time."""
     tmp_path = tmp_path_factory.mktemp("wide")
     truth = yaml.safe_load((RIG / "truth.yaml").read_text())["parameters"]
     plain = {name: section["value"] for name, section in truth.items()}
