@@ -8,7 +8,6 @@ import numpy as np
 
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import DriveToolError, Finding, NotEnoughData
-from drivetool.identify.blackbox import transfer_function
 from drivetool.identify.engine import fit_task
 from drivetool.identify.options import Options
 from drivetool.identify.setup import roles_of
@@ -49,6 +48,8 @@ def _one_body(part: Experiment) -> Outcome:
 
 
 def _two_masses(part: Experiment) -> Outcome:
+    from drivetool.identify.blackbox import transfer_function  # seldom needed, and slow to import
+
     form, outcome = transfer_function([part], two_mass(part.torque_unit, part.motion_unit), Options())
     found = dict(zip(form.names, outcome.solution.point.values, strict=True))
     highest, damping = np.pi * BELOW / part.step, found["a2"] / (2.0 * np.sqrt(max(found["a1"], 1e-12)))
