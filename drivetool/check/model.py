@@ -156,19 +156,31 @@ def first_noise(problem: Problem, point: Point, masks: Masks, quick: bool = Fals
 
 
 def heard(model: Model, masks: Masks) -> Model:
-    """The model, or the same under torque noise that remembers, if what it leaves asks for that and is likelier so.
+    """The model, or the same under the torque noise that what it leaves asks for, if it is likelier so.
 
-    Slow torque noise can stand in for a law, so it is asked of every explanation alike, and last.
+    Slow torque noise can stand in for a law, so it is asked of every explanation alike, and last: a memory must be
+    worth its parameter where there was none, and stays where there was one only as long as it is.
     """
-    passes = filtered(counted(model.problem, masks), model.point, model.noise, keep=False)
-    if model.noise.memory is not None or not looks_coloured(passes):
+    problem = counted(model.problem, masks)
+    if model.noise.memory is not None:
+        return _white_again(model, problem, masks)
+    if not looks_coloured(filtered(problem, model.point, model.noise, keep=False)):
         return model
-    noise = remembering(counted(model.problem, masks), model.point, model.noise,
-                        lambda n: judge(model.problem, model.point, n, masks))
+    noise = remembering(problem, model.point, model.noise, lambda n: judge(model.problem, model.point, n, masks))
     if judge(model.problem, model.point, noise, masks) > model.value - COLOUR_GAIN:
         return model
     trial = fit(replace(model, noise=noise), masks, most=COLOURED)
     return trial if trial.value < model.value - COLOUR_GAIN else model
+
+
+def _white_again(model: Model, problem: Problem, masks: Masks) -> Model:
+    """A model whose noise remembers, or the same under white noise where that leaves nothing that asks for more."""
+    noise = fit_ratio(problem, model.point, replace(model.noise, memory=None, slow=None), quick=True)
+    white = replace(model, noise=noise)
+    if looks_coloured(filtered(problem, white.point, noise, keep=False)):
+        return model
+    trial = fit(white, masks, most=COLOURED)
+    return trial if trial.value < model.value + COLOUR_GAIN else model
 
 
 def likeliest_noise(model: Model, masks: Masks) -> Model:

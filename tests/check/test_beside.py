@@ -281,7 +281,6 @@ def test_a_tie_with_a_ripple_ends_with_a_ripple_of_that_order_only(ask, order, s
     assert found.found.between == (("imbalance", *still) if still else ())
 
 
-@pytest.mark.xfail(strict=True, reason="the last cause is not asked again when one before it goes")
 def test_what_was_found_beside_a_cause_that_is_gone_is_asked_again(ask):
     """A load step was as good as imbalance beside the ripple; what rivals it alone is not known."""
     path = Path().then("torque-ripple", ["motor.ripple_sine"], ("imbalance",)).then(

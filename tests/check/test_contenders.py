@@ -24,12 +24,10 @@ def end(value, order=2.0, owner="motor"):
 
 
 @pytest.mark.parametrize(("behind", "order", "owner", "kept"), [
-    pytest.param(30.0, 1.0, "motor", True, marks=pytest.mark.xfail(
-        strict=True, reason="of ends that differ in numbers the best alone goes on, however close others are")),
-    (100.0, 1.0, "motor", False), (100.0, 2.0, "motor", True),
+    (30.0, 1.0, "motor", False), (100.0, 2.0, "motor", True),
     (800.0, 2.0, "motor", False), (650.0, 1.0, "load", True), (800.0, 1.0, "load", False)])
 def test_a_lag_of_another_order_and_a_law_of_another_body_are_given_up_later(behind, order, owner, kept):
-    """Of a gain of 1000: fifty behind is too much for the same law, seven tenths of it for another kind."""
+    """Of a gain of 1000: of the same law the best end alone goes on, of another kind what has three tenths."""
     best, other = end(-1000.0, 1.0), end(-1000.0 + behind, order, owner)
     assert _contenders([best, other], end(0.0), False) == [best, *([other] if kept else [])]
 

@@ -27,8 +27,8 @@ ROUGH = 3  # the same where the likelihood is rough
 LEAST = 0.1  # of the best promise, below which a start is not worth a fit
 FIRST = 3  # rounds of a first fit
 HALF = 0.5  # of what the likeliest cause gains, below which a first fit goes no further
-AHEAD = 50.0  # log likelihood by which the best end of them must lead to be the only one
-CLOSE = 0.7  # of what the best gains, by which one of another kind may be behind it
+AHEAD = 50.0  # log likelihood by which an end of another kind may be behind the best one anyhow
+CLOSE = 0.7  # of what the best gains, by which it may be behind where that is more
 TRIFLE = 2.0  # log likelihood below which a cause is not fitted or judged
 TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 
@@ -145,21 +145,19 @@ def _worth(screened: Screened, most: int) -> list[Begun]:
 
 
 def _contenders(ends: Sequence[Model], base: Model, rough: bool) -> list[Model]:
-    """The best end, those close to it, and those of another kind that gain nearly as much.
+    """The best end, and those of another kind that are close to it or gain nearly as much.
 
     Under a torque noise that has yet to fall, a lag of the wrong order, or a drag on the wrong body, may be ahead.
     Where the likelihood is rough the best three: which of its valleys is the deepest is not known from above.
     """
     if rough or not ends:
         return list(ends[:ROUGH])
-    best, close = ends[0], CLOSE * (base.value - ends[0].value)
-    seen, found = set(), []
+    near = ends[0].value + max(AHEAD, CLOSE * (base.value - ends[0].value))
+    likeliest: dict[tuple[object, ...], Model] = {}
     for m in ends:
-        other = kind_of(m) != kind_of(best)
-        if m.value < best.value + (max(close, AHEAD) if other else AHEAD) and kind_of(m) not in seen:
-            found.append(m)
-            seen.add(kind_of(m))
-    return found
+        if m.value < near:
+            likeliest.setdefault(kind_of(m), m)
+    return list(likeliest.values())
 
 
 def refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:

@@ -42,7 +42,9 @@ def asked_beside(search: Search, path: Sequence[Expansion]) -> Asked:
         {c: e.decision.evidence for c, e in steps.items()}, last.added, last.gained,
         frozenset(s.model.code for e in steps.values() for s in e.scores if s.sure))
     asked = Asked(last, found, tuple(e.round for e in path))
-    for code in last.causes[:-1]:
+    for code in last.causes:
+        if code == last.causes[-1] and asked.found.causes == last.causes:
+            break  # it was asked beside the others as they are
         try:
             asked = _again(search, asked, code, steps[code])
         except BROKEN:  # then what was open of it stands
