@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import Model, everything, from_start
+from drivetool.check.fit.model import Model, everything, from_start
 from drivetool.check.search.attempt import Tried, attempt, screen
 from drivetool.check.search.begin import stand_at
 from drivetool.drive.chain import Drive, one_body, two_mass

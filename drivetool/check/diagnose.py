@@ -13,23 +13,23 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.between_records import change_between
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
-from drivetool.check.judgement import UNEXPLAINED
-from drivetool.check.lateness import lag_of
-from drivetool.check.load_scale import load_scale
-from drivetool.check.model import BROKEN, Model, everything, fit, from_start
-from drivetool.check.parts import with_parts
-from drivetool.check.preflight import LATE, Fault, fine_steps, preflight
-from drivetool.check.samples import split_of
+from drivetool.check.faults.lateness import lag_of
+from drivetool.check.faults.load_scale import load_scale
+from drivetool.check.faults.preflight import LATE, Fault, fine_steps, preflight
+from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
+from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
+from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
+from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
+from drivetool.check.fit.parts import with_parts
+from drivetool.check.fit.samples import split_of
+from drivetool.check.report.judgement import UNEXPLAINED
+from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
 from drivetool.check.search.result import Searched
 from drivetool.check.search.search import Search
-from drivetool.check.shaft import BLAMED, SCALE, scale_fault, shaft_fault
-from drivetool.check.shaft_scale import likelier_so, scale_beside
-from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
-from drivetool.check.story import tell
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.cooling import SHAPE

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import Model, everything, first_noise, from_start, judge
+from drivetool.check.fit.model import Model, everything, first_noise, from_start, judge
 from drivetool.check.search.attempt import screen
 from drivetool.check.search.begin import begin, log_gain, stand_at
 from drivetool.check.search.search import FLOOR

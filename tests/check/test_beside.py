@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import Decision, decide
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions
-from drivetool.check.heldout import Fold, Score
-from drivetool.check.model import Model
+from drivetool.check.fit.heldout import Fold, Score
+from drivetool.check.fit.model import Model
 from drivetool.check.search import beside
 from drivetool.check.search.beside import BESIDE, asked_beside
+from drivetool.check.search.decide import Decision, decide
 from drivetool.check.search.search import Expansion, Node
 from drivetool.drive.chain import two_mass
 

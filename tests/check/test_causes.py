@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.absence import law_of, needs_of, why_absent
 from drivetool.check.causes import CAUSES, DECIDES, FITTED, mistaken_for
-from drivetool.check.model import from_start
-from drivetool.check.structure import carried
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.structure import carried
+from drivetool.check.search.absence import law_of, needs_of, why_absent
 from drivetool.drive.chain import two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import Model
+from drivetool.check.fit.model import Model
 from drivetool.check.search import attempt as attempting
 from drivetool.check.search.attempt import Screened, Tried, _contenders, attempt, sizeable
 from drivetool.check.search.begin import Begun

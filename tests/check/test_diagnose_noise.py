@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from drivetool.check.diagnose import Asked, stands
 from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.check.model import begun, everything, first_noise, fit, from_start, heard, likeliest_noise
+from drivetool.check.fit.model import begun, everything, first_noise, fit, from_start, heard, likeliest_noise
 from drivetool.identify.setup import first_point, roles_of
 from drivetool.identify.task import Task
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance, reversing_record, tried

@@ -10,14 +10,14 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import Decision, decide, ties
-from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import Forecast, blocks_under_test, gain_of
-from drivetool.check.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
-from drivetool.check.judgement import doubtful, spoils
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.forecast import Forecast, blocks_under_test, gain_of
+from drivetool.check.fit.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
+from drivetool.check.report.judgement import doubtful, spoils
 from drivetool.check.search import foretell, lines
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Tried
+from drivetool.check.search.decide import Decision, decide, ties
 from drivetool.check.search.search import Search
 from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import minus_log_likelihood

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import everything, from_start
+from drivetool.check.fit.model import everything, from_start
 from drivetool.check.search.begin import begin, stand_at
 from drivetool.drive.chain import two_mass
 from drivetool.identify.engine import Task

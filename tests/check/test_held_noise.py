@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.between_records import change_between, share_beyond
-from drivetool.check.heldout import Fold, extended
-from drivetool.check.model import everything, from_start, judge, likeliest_noise, over
-from drivetool.check.remainder import remainder
-from drivetool.check.samples import split_of
+from drivetool.check.fit.between_records import change_between, share_beyond
+from drivetool.check.fit.heldout import Fold, extended
+from drivetool.check.fit.model import everything, from_start, judge, likeliest_noise, over
+from drivetool.check.fit.remainder import remainder
+from drivetool.check.fit.samples import split_of
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
 from tests.recover import drive_like, linear_record

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.hum import hum, lines_of
-from drivetool.check.model import from_start
+from drivetool.check.fit.model import from_start
+from drivetool.check.report.hum import hum, lines_of
 from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

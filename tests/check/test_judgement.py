@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check import judgement
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
-from drivetool.check.judgement import OF_SPEED, SCATTER, SEVERAL, judged
-from drivetool.check.remainder import Remainder
+from drivetool.check.fit.remainder import Remainder
+from drivetool.check.report import judgement
+from drivetool.check.report.judgement import OF_SPEED, SCATTER, SEVERAL, judged
 from drivetool.check.search.result import Found
 
 REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated"),))

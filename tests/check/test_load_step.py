@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import Model
+from drivetool.check.fit.model import Model
 from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Trace

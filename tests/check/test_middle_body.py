@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import Model, from_start
+from drivetool.check.fit.model import Model, from_start
 from drivetool.drive.chain import three_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.check.heldout import folds_of
-from drivetool.check.model import from_start
-from drivetool.check.noise_run import error_by_noise
-from drivetool.check.samples import split_of
+from drivetool.check.fit.heldout import folds_of
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.noise_run import error_by_noise
+from drivetool.check.fit.samples import split_of
 from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

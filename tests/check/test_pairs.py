@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import Decision
-from drivetool.check.model import Model
+from drivetool.check.fit.model import Model
 from drivetool.check.search import pairs
+from drivetool.check.search.decide import Decision
 from drivetool.check.search.pairs import doubtful, together
 from drivetool.check.search.search import Expansion, Node
 from drivetool.drive.chain import three_mass, two_mass

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivetool.check.model import everything, from_start
-from drivetool.check.rattle import rattles
+from drivetool.check.fit.model import everything, from_start
+from drivetool.check.report.rattle import rattles
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.hidden import greybox_options, make_case, write_start

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.model import Model, everything, fit, from_start, spread
-from drivetool.check.remainder import _left, _logged_again, _memory, faked, remainder
+from drivetool.check.fit.model import Model, everything, fit, from_start, spread
+from drivetool.check.fit.remainder import _left, _logged_again, _memory, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import roles_of
@@ -82,7 +82,7 @@ def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
         raise np.linalg.LinAlgError("Singular matrix")
 
     model, _ = rounded(3, 0.05)
-    monkeypatch.setattr("drivetool.check.remainder.fit", fails)
+    monkeypatch.setattr("drivetool.check.fit.remainder.fit", fails)
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
 
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.folds import blocks_of
-from drivetool.check.heldout import extended, trained_on
-from drivetool.check.model import from_start
-from drivetool.check.samples import split_of
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.heldout import extended, trained_on
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.samples import split_of
 from drivetool.drive.linearise import resonances
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.check.heldout import Score
-from drivetool.check.model import Model, from_start
-from drivetool.check.samples import split_of
+from drivetool.check.fit.heldout import Score
+from drivetool.check.fit.model import Model, from_start
+from drivetool.check.fit.samples import split_of
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Screened, Tried
 from drivetool.check.search.beside import asked_beside
+from drivetool.check.search.decide import Decision
 from drivetool.check.search.reduce import without_them
 from drivetool.check.search.search import Expansion, Node, Search
 from drivetool.drive.chain import one_body, two_mass

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivetool.check.model import everything, from_start
-from drivetool.check.shaft import lead_of, scale_of, shaft_fault
-from drivetool.check.shaft_scale import likeliest
+from drivetool.check.faults.shaft import lead_of, scale_of, shaft_fault
+from drivetool.check.faults.shaft_scale import likeliest
+from drivetool.check.fit.model import everything, from_start
 from drivetool.drive.chain import three_mass
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check import scan
-from drivetool.check.instants import _step_shape, load_steps
-from drivetool.check.model import from_start
-from drivetool.check.scan import (
+from drivetool.check.fit import scan
+from drivetool.check.fit.instants import _step_shape, load_steps
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.scan import (
     HIGHEST,
     LINES,
     _asked_for,

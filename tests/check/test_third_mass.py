@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.model import begun, everything, fit, from_start
-from drivetool.check.search.attempt import Tried, sizeable
-from drivetool.check.structure import (
+from drivetool.check.fit.model import begun, everything, fit, from_start
+from drivetool.check.fit.structure import (
     carried,
     with_large_tip,
     with_middle,
@@ -16,6 +15,7 @@ from drivetool.check.structure import (
     without_third,
     without_tip,
 )
+from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.linearise import resonances
 from drivetool.identify.engine import Task

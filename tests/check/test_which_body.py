@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.model import from_start
-from drivetool.check.which_body import untold_bodies
+from drivetool.check.fit.model import from_start
+from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import three_mass, two_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from drivetool.check.causes.starts import torque_size
-from drivetool.check.model import everything, from_start
-from drivetool.check.scan import GAPS, half_gaps
+from drivetool.check.fit.model import everything, from_start
+from drivetool.check.fit.scan import GAPS, half_gaps
 from drivetool.drive.chain import two_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of

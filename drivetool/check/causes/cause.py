@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
     from drivetool.identify.engine import Task
 
 Bounds = Mapping[str, tuple[float, float]]  # parameter -> lowest and highest value

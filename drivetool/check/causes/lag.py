@@ -10,7 +10,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, hardly_late, no_faster, of_lag, present, traceless
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
     from drivetool.identify.engine import Task
 
 ORDERS = (1.0, 2.0)

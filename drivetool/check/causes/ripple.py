@@ -11,7 +11,7 @@ from drivetool.check.causes.starts import added, new_values, present, travel
 from drivetool.drive.effects.ripple import KINDS, RIPPLES
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
 
 CHANCE = 1e-3  # share of records without a further order in which one may be taken for it
 NEAR = 0.02  # relative difference below which two orders are one that beats
@@ -19,7 +19,7 @@ ORDER = ".ripple_order"
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.scan import likely_orders
+    from drivetool.check.fit.scan import likely_orders
 
     body = base.task.drive.bodies[0]
     if any(present(base, f"{body}.ripple_{kind}") for kind in ("sine", "cosine")):
@@ -41,9 +41,9 @@ def _unrepeated(model: Model, base: Model) -> str:
 
 def _with_another_order(model: Model, masks: Masks) -> Model | None:
     """Cogging, slots and screws seldom leave one order alone."""
-    from drivetool.check.heldout import unlikely
-    from drivetool.check.model import BROKEN, fit
-    from drivetool.check.scan import likely_orders
+    from drivetool.check.fit.heldout import unlikely
+    from drivetool.check.fit.model import BROKEN, fit
+    from drivetool.check.fit.scan import likely_orders
     from drivetool.check.search.attempt import TRIFLE
     from drivetool.check.search.begin import begin, stand_at
 

@@ -11,7 +11,7 @@ from drivetool.check.causes.cause import Bounds, Cause, Start
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
     from drivetool.identify.engine import Task
 
 QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
@@ -22,8 +22,8 @@ ROUNDS = 3  # of a fit of the base under the quieter noise
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.model import everything, fit, judge
-    from drivetool.check.structure import may_have_tip
+    from drivetool.check.fit.model import everything, fit, judge
+    from drivetool.check.fit.structure import may_have_tip
 
     if not may_have_tip(base.task.drive):
         return []
@@ -37,7 +37,7 @@ def _starts(base: Model) -> list[Start]:
 
 
 def _likely(base: Model) -> list[Task]:
-    from drivetool.check.scan import likely_large_tips, likely_middles, likely_tips
+    from drivetool.check.fit.scan import likely_large_tips, likely_middles, likely_tips
 
     return [*likely_tips(base), *likely_large_tips(base), *likely_middles(base)]
 
@@ -47,7 +47,7 @@ def _bounds(base: Model, task: Task) -> Bounds:
 
     It is looked for damped, and may be so less.
     """
-    from drivetool.check.structure import third_of
+    from drivetool.check.fit.structure import third_of
     from drivetool.identify.third_mass import tip_names
 
     if task.drive.bodies == base.task.drive.bodies:

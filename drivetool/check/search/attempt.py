@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.absence import needed, why_absent
 from drivetool.check.causes.cause import Cause
 from drivetool.check.diagnosis import State
-from drivetool.check.model import BROKEN, Masks, Model, fit
+from drivetool.check.fit.model import BROKEN, Masks, Model, fit
+from drivetool.check.fit.structure import carried, third_of
+from drivetool.check.search.absence import needed, why_absent
 from drivetool.check.search.begin import Begun, Stand, begin, bounded, kind_of, stand_at
-from drivetool.check.smallest import resolved_at
-from drivetool.check.structure import carried, third_of
+from drivetool.check.search.smallest import resolved_at
 from drivetool.identify.engine import Task
 from drivetool.identify.estimate import Parameter
 from drivetool.identify.least_squares import Solution

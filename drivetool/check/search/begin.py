@@ -9,9 +9,9 @@ import numpy as np
 
 from drivetool.check.causes import FITTED
 from drivetool.check.causes.cause import Cause, Start
-from drivetool.check.linear_step import alone, linear_step
-from drivetool.check.model import Masks, Model, begun, first_noise, judge
-from drivetool.check.structure import carried
+from drivetool.check.fit.linear_step import alone, linear_step
+from drivetool.check.fit.model import Masks, Model, begun, first_noise, judge
+from drivetool.check.fit.structure import carried
 from drivetool.drive.simulate import Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import marquardt_step

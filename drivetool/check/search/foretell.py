@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import Gain
-from drivetool.check.heldout import Score, in_one_place, total_evidence
-from drivetool.check.model import everything
-from drivetool.check.remainder import faked, is_coarse
-from drivetool.check.samples import Split
+from drivetool.check.fit.heldout import Score, in_one_place, total_evidence
+from drivetool.check.fit.model import everything
+from drivetool.check.fit.remainder import faked, is_coarse
+from drivetool.check.fit.samples import Split
+from drivetool.check.search.decide import Decision
 from drivetool.check.search.result import Base, gain_between
 
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivetool.check.between_records import change_between
-from drivetool.check.preflight import Fault
-from drivetool.check.remainder import remainder
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.remainder import remainder
 from drivetool.check.search.beside import Asked, asked_beside
 from drivetool.check.search.pairs import doubtful, together
 from drivetool.check.search.result import Base, Found, Searched

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivetool.check.model import Masks, Model, fit
-from drivetool.check.structure import carried, third_of, without_third
+from drivetool.check.fit.model import Masks, Model, fit
+from drivetool.check.fit.structure import carried, third_of, without_third
 from drivetool.drive.chain import Drive
 from drivetool.identify.third_mass import tip_names
 

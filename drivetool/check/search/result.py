@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from drivetool.check.between_records import Change
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
-from drivetool.check.folds import blocks_of
-from drivetool.check.forecast import forecast, gain_of, unexplained_percent
-from drivetool.check.heldout import Fold
-from drivetool.check.model import Model, sensor_std
-from drivetool.check.preflight import Fault
-from drivetool.check.remainder import Remainder, remainder
-from drivetool.check.samples import Split
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.between_records import Change
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.forecast import forecast, gain_of, unexplained_percent
+from drivetool.check.fit.heldout import Fold
+from drivetool.check.fit.model import Model, sensor_std
+from drivetool.check.fit.remainder import Remainder, remainder
+from drivetool.check.fit.samples import Split
 from drivetool.errors import Finding
 from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment

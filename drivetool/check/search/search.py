@@ -15,18 +15,18 @@ import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
 from drivetool.check.causes.cause import Cause
-from drivetool.check.decide import SURPLUS, Decision, decide
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
-from drivetool.check.forecast import exact
-from drivetool.check.heldout import LOOKS, Score, extended, folds_of, score
-from drivetool.check.imitation import imitates
-from drivetool.check.model import BROKEN, Model, everything, heard
-from drivetool.check.parts import with_parts
-from drivetool.check.remainder import remainder
-from drivetool.check.samples import Split
+from drivetool.check.fit.forecast import exact
+from drivetool.check.fit.heldout import LOOKS, Score, extended, folds_of, score
+from drivetool.check.fit.model import BROKEN, Model, everything, heard
+from drivetool.check.fit.parts import with_parts
+from drivetool.check.fit.remainder import remainder
+from drivetool.check.fit.samples import Split
 from drivetool.check.search.attempt import HALF, TRIFLE, Screened, Tried, as_special_case, attempt, screen, sizeable
 from drivetool.check.search.begin import stand_at
+from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
+from drivetool.check.search.imitation import imitates
 from drivetool.check.search.lines import lines_of
 from drivetool.check.search.result import Base, gain_between
 from drivetool.progress import counted
