@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivetool.check.report.view import View
 from drivetool.identify.estimate import Exhibit
-
-if TYPE_CHECKING:
-    from drivetool.check.report.exhibits import View
 
 BEFORE, AFTER = 0.1, 0.4  # s around a reversal
 DEAD = 0.02  # of the range that a signal must leave on either side to have reversed

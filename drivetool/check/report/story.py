@@ -13,12 +13,13 @@ from drivetool.check.causes.starts import torque_size
 from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import finding_of, told_apart
-from drivetool.check.report.exhibits import exhibits_of, view_of
+from drivetool.check.report.exhibits import exhibits_of
 from drivetool.check.report.hum import hum
 from drivetool.check.report.judgement import WORSE, changing, judged, spoils
 from drivetool.check.report.model_run import run_model
 from drivetool.check.report.rattle import confirmed
 from drivetool.check.report.sentence import experiment_of, sentence_of
+from drivetool.check.report.view import view_of
 from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.errors import DriveToolError, Finding
