@@ -57,19 +57,24 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in experiments
                                for a, b in e.segments if b - a >= 10])
     factor, error = scale_of(model, measured, experiments[0].step)
-    if abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05:
+    told = error < abs(factor)
+    if told and (abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05):
         return tuple(experiments), drive, []
     whole = replace(task, roles=roles)
     begins = (whole, whole.at(first)) if first else (whole,)
-    lead = lead_of(factor, (*begins, _from(model, whole)))
-    if lead < 0.5 * BLAMED**2:
+    lead = lead_of(factor, (*begins, _from(model, whole))) if told else 0.0
+    if told and lead < 0.5 * BLAMED**2:
         return tuple(experiments), drive, []
-    if factor < 0.0:
+    # Where the motor does not tell the scale, all that was measured may tell the sign.
+    if factor < 0.0 or not told:
         turned = min(models, key=lambda m: abs(
             _factor(measured, *shaft_torque_of(m), experiments[0].step)[0] + 1.0))
-        near = abs(factor + 1.0) < BLAMED * error
-        if near or lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole))) > lead - 0.5 * BLAMED**2:
+        near = told and abs(factor + 1.0) < BLAMED * error
+        other = lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole))) if not near else np.inf
+        if other > (lead - 0.5 * BLAMED**2 if told else 0.5 * BLAMED**2):
             factor, error, model = -1.0, np.nan, turned  # a sign is no measured number
+        elif not told:
+            return tuple(experiments), drive, []
     fault = scale_fault(factor, error)
     if fault.code not in wanted:
         return tuple(experiments), drive, []

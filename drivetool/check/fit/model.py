@@ -17,13 +17,24 @@ from drivetool.errors import DriveToolError
 from drivetool.identify.engine import COLOUR_GAIN, Task, looks_coloured
 from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import approach
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, remembering, with_state
+from drivetool.identify.noise import (
+    Noise,
+    by_parabolas,
+    excerpt,
+    filtered,
+    fit_ratio,
+    minus_log_likelihood,
+    remembering,
+    with_state,
+)
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.setup import first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
+WIDE = np.log(3.0) * np.arange(-3, 4)  # of how loud a sensor may be against the guess
+CLEARLY = 10.0  # log likelihood by which another noise is worth a fit: absorbed torque noise gains a few
 MOST, COLOURED = 12, 4  # rounds of gains and least squares, and of those under a noise that remembers
 
 
@@ -116,13 +127,15 @@ def begun(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -
     return Model(code, task, problem, point, noise, np.inf)
 
 
-def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf) -> Model:
+def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf,
+        arrived: bool = True) -> Model:
     """The model fitted to the samples of a mask, from where it is.
 
     most     rounds; renewed: whether its noise is fitted, too
     goal     value to be reached: what is far above it after a few rounds is given up
+    arrived  whether it is near its optimum
     """
-    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=True, most=most,
+    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=arrived, most=most,
                             renewed=renewed, wanted=goal)
     return replace(model, point=found.point, noise=found.noise, value=found.value)
 
@@ -145,8 +158,43 @@ def from_start(task: Task, masks: Masks | None = None, most: int = MOST) -> Mode
     point = first_point(task.drive, problem, task.roles)
     masks = everything(problem) if masks is None else masks
     model = begun("base", task, problem, point, first_noise(problem, point, masks))
-    return fit(model, masks, most=most) if most else replace(
-        model, value=judge(problem, point, model.noise, masks))
+    if not most:
+        return replace(model, value=judge(problem, point, model.noise, masks))
+    return _heard_anew(fit(model, masks, most=most, arrived=False), masks, most)
+
+
+def _heard_anew(model: Model, masks: Masks, most: int) -> Model:
+    """The model, or the same fitted on under the noise that is found far around it, where that is clearly likelier.
+
+    A noise that was begun far from the estimate may have settled where no way leads downhill: all in one sensor.
+    """
+    if model.noise.memory is not None:
+        return model
+    noise = _listened(counted(model.problem, masks), model.point, first_noise(model.problem, model.point, masks))
+    if judge(model.problem, model.point, noise, masks) > model.value - CLEARLY:
+        return model
+    again = fit(replace(model, noise=noise), masks, most=most)
+    return min((model, again), key=lambda m: m.value)
+
+
+def _listened(problem: Problem, point: Point, noise: Noise) -> Noise:
+    """The noise with each further sensor as loud as makes the samples most likely, looked for far around.
+
+    Not as loud as its own innovations: a sensor that is trusted too much makes the others look loud.
+    """
+    part = excerpt(problem)
+    for m in range(1, len(noise.scale)):
+        def louder(log: float, m: int = m, noise: Noise = noise) -> Noise:
+            scale = noise.scale.copy()
+            scale[m] *= np.exp(log)
+            return replace(noise, scale=scale)
+
+        def value(log: float, of=louder) -> float:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                return minus_log_likelihood(filtered(part, point, of(log), keep=False))
+
+        noise = louder(by_parabolas(value, WIDE, close=0.02))
+    return noise
 
 
 def first_noise(problem: Problem, point: Point, masks: Masks, quick: bool = False) -> Noise:
