@@ -55,7 +55,7 @@ def test_a_gap_that_no_second_valley_confirms_has_no_interval(tmp_path):
     assert gap["std"] is None and gap["ci95"] is None and "warning not-settled" in answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_that_a_shaft_torque_sensor_feels_is_no_wrong_scale_of_it(tmp_path):
     """Without the gap the base took that sensor for exact, and every fit of a gap ended in a wrong valley."""
     case = make_case("backlash", 371024, seed=371024, sensors=("motor_speed", "shaft_torque"))

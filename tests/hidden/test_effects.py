@@ -31,31 +31,31 @@ SOON = [("dead-time", 37), *[pytest.param(*case, marks=pytest.mark.slow) for cas
 # Two at once, and other kinds of record.
 MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.slow),
         # Dry friction at the motor had stood for both, and beside it neither found to its own values.
-        (("backlash", "coulomb-load"), 107000, {"seed": 107000}),
+        pytest.param(("backlash", "coulomb-load"), 107000, {"seed": 107000}, marks=pytest.mark.long),
         ("backlash", 44, {"record": "closed-loop"} | SHORT),
         (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
         ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
         # A slow drive: what the start state is, a tenth of a second does not tell.
-        pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.slow),
+        pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.long),
         # What the base lacks had passed for a torque noise twenty times too loud, under which nothing gains.
         pytest.param("third-mass", 50007, {
             "seed": 50007, "linear": True, "sensors": ("motor_speed", "shaft_torque"), "record": "one-directional",
-            "noise": "loud"} | SHORT, marks=pytest.mark.slow),
+            "noise": "loud"} | SHORT, marks=pytest.mark.long),
         # In every one of several records.
         pytest.param("load-step", 91011, {"linear": True, "record": "closed-loop", "records": 2} | SHORT,
-                     marks=pytest.mark.slow),
+                     marks=pytest.mark.long),
         # Without the friction the load's share of the inertia comes out wrong, and with it the scale of the sensor.
         pytest.param(("coulomb-load", "wrong-sign-shaft"), 400004, {
             "seed": 400004, "record": "moves", "sensors": ("motor_speed", "load_speed"), "duration": 8.0,
-            "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.slow),
+            "size": {"coulomb-load": 0.0262}}, marks=pytest.mark.long),
         # The lag that the base lacks had turned the sign into a scale of -1.03, and what came after it wrong.
         pytest.param(("wrong-sign-shaft", "converter-lag"), 500000, {
             "seed": 500000, "record": "binary", "sensors": ("motor_speed", "shaft_torque"), "duration": 8.0,
-            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.slow),
+            "size": {"wrong-sign-shaft": 1.0, "converter-lag": 4.7}}, marks=pytest.mark.long),
         # Most of what a loud motor speed does not show is in the shaft torque.
         pytest.param("torque-ripple", 52001, {
             "seed": 52001, "sensors": ("motor_speed", "shaft_torque"), "noise": "loud", "linear": False},
-            marks=pytest.mark.slow),
+            marks=pytest.mark.long),
         # Spikes of six times the noise, which the neighbours do not give away.
         ("outliers", 10, {"noise": "loud"} | SHORT)]
 # The whole catalogue.
@@ -139,7 +139,7 @@ def test_noise_that_feedback_carries_into_the_torque_is_no_cause(tmp_path):
     assert answer.verdict == "nothing-found", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     """What gained was another optimum of the base; the lag itself was as short as is looked for."""
     rivals = "quantisation,converter-lag,third-mass,hardening-stiffness"
@@ -148,7 +148,7 @@ def test_a_lag_too_short_to_leave_a_trace_is_none(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured(tmp_path):
     """By 5 %: the motor alone tells its scale to 2.3 %, together with what it says of the resonance to 0.4 %."""
     answer, causes = answered("wrong-scale-shaft", 189023, tmp_path / "records", tmp_path / "labels",
@@ -157,7 +157,7 @@ def test_a_shaft_torque_a_little_too_large_is_found_beside_all_that_was_measured
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     """Of 30 % at twice the resonance: a trace there is unlikely, and its growth promises less than elsewhere."""
     answer, causes = answered("third-mass", 241106, tmp_path / "records", tmp_path / "labels",
@@ -165,7 +165,7 @@ def test_a_large_third_mass_is_found_where_none_grows_from_a_trace(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     """The mended sensor was begun as loud as its wrong sign had made it: everything gained that heard it anew."""
     answer, causes = answered("wrong-sign-shaft", 770022, tmp_path / "records", tmp_path / "labels",
@@ -174,7 +174,7 @@ def test_a_base_whose_noise_lies_all_in_one_sensor_is_no_discovery(tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp_path):
     """Of a tenth of the twist: by itself the law of the shaft is worth as much, beside the friction a third."""
     answer, causes = answered(("backlash", "coulomb-load"), 189000, tmp_path / "records", tmp_path / "labels",
@@ -182,7 +182,7 @@ def test_a_gap_taken_for_a_shaft_that_stiffens_is_one_once_friction_is_found(tmp
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
     """Of eight noises: single steps become likelier with a shaft that stiffens, free runs no better."""
     answer, causes = answered("quantisation", 111015, tmp_path / "records", tmp_path / "labels",
@@ -193,7 +193,7 @@ def test_no_law_is_read_into_the_steps_of_a_logger(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine"), [
-    ("speed-filter", 20), ("converter-lag", 12), pytest.param("converter-lag", 20, marks=pytest.mark.slow)])
+    ("speed-filter", 20), ("converter-lag", 12), pytest.param("converter-lag", 20, marks=pytest.mark.long)])
 def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tmp_path):
     """Nor by the noise: whether it comes before or behind the lag is not known. The lags are of both orders."""
     answer, causes = answered(effect, machine, tmp_path / "records", tmp_path / "labels",
@@ -204,7 +204,7 @@ def test_a_filter_and_a_lag_are_not_told_apart_by_one_sensor(effect, machine, tm
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("machine", [12, pytest.param(20, marks=pytest.mark.long)])
 def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     answer, causes = answered("converter-lag", machine, tmp_path / "records", tmp_path / "labels",
                               ["--candidates", "speed-filter,converter-lag,dead-time,backlash"],
@@ -212,7 +212,7 @@ def test_a_second_sensor_tells_a_lag_from_a_filter(machine, tmp_path):
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     # Thirty times the damping makes up for it, and a delay that is fitted from there finds no way back.
     answer, _ = answered(("dead-time", "stribeck-load"), 300003, tmp_path / "records", tmp_path / "labels",
@@ -221,7 +221,7 @@ def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
     assert answer.verdict == "undetermined" and "dead-time" in answer.between, answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path):
     # Without the load's breakaway friction one at the motor makes up for it; beside it a dry one will do.
     answer, causes = answered(("coulomb-motor", "stribeck-load"), 400203, tmp_path / "records", tmp_path / "labels",
@@ -231,7 +231,7 @@ def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path
     assert grade(causes, answer) == "right", answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
     """It was fitted with the shaft torque upside down: a load without end, no friction."""
     answer, causes = answered("wrong-sign-shaft", 50034, tmp_path / "records", tmp_path / "labels", [],
@@ -243,7 +243,7 @@ def test_a_base_that_a_wrong_sign_has_bent_is_straightened(tmp_path):
         assert abs(found["value"] - label[name]) < 4.0 * found["std"], name
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
     """No law is reached from a load and a shaft a hundred times too light and too soft; their starts are known."""
     case = make_case("coulomb-motor", 31, **SHORT)
@@ -268,8 +268,8 @@ def test_a_base_bent_beyond_recognition_is_begun_afresh(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "machine", "rivals", "options"), [
     pytest.param("backlash", 50001, "hardening-stiffness,quadratic-drag,coulomb-load", SHORT,
-                 marks=pytest.mark.slow),
-    pytest.param("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT, marks=pytest.mark.slow),
+                 marks=pytest.mark.long),
+    pytest.param("coulomb-load", 50001, "stribeck-load,quadratic-drag,backlash", SHORT, marks=pytest.mark.long),
     ("converter-lag", 50037, "dead-time,coulomb-load", {"record": "one-directional"} | SHORT)])
 def test_no_other_name_is_given_where_the_true_one_is_not_among_the_candidates(effect, machine, rivals, options,
                                                                                tmp_path):

@@ -48,7 +48,7 @@ def test_a_record_held_out_of_the_same_machine_differs_in_nothing(tmp_path):
     assert answer.verdict == "nothing-found" and "differs" not in answer.talk
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_mass_in_front_of_the_load_and_its_sensor_is_a_third_mass_too(tmp_path):
     case = make_case("none", 931, seed=6, duration=6.0, sensors=("motor_speed", "load_speed"))
     plain, plan = case.rig.machine, profile("reversing", case.rig, 931)

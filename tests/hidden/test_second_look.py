@@ -17,7 +17,7 @@ def answered(effects, machine, folder, candidates, **options):
     return answer, case.label(False)["causes"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_path):
     """A light load and chirps: the stiffness came out at half, and a third of the torque as noise."""
     answer, causes = answered("backlash", 100001, tmp_path, "backlash,coulomb-load,third-mass", record="chirp",
@@ -29,7 +29,7 @@ def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_pat
     assert stiffness[0] <= 301.2 <= stiffness[1]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_beside_stribeck_friction_of_which_neither_shows_alone(tmp_path):
     answer, causes = answered(("backlash", "stribeck-load"), 100001, tmp_path, "backlash,stribeck-load,third-mass",
                               record="chirp", seed=100001, records=2, duration=8.0,
@@ -38,7 +38,7 @@ def test_a_gap_beside_stribeck_friction_of_which_neither_shows_alone(tmp_path):
     assert answer.gain["held_out_rmse_after"] < 0.5 * answer.gain["held_out_rmse_before"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_rounding_leaves_is_no_sign_of_another_law(tmp_path):
     """Dry friction beside coarse steps: motor and load look alike, but nothing else is missing."""
     answer, _ = answered(("quantisation", "coulomb-load"), 100015, tmp_path, "coulomb-load,quantisation",
@@ -48,7 +48,7 @@ def test_what_rounding_leaves_is_no_sign_of_another_law(tmp_path):
     assert answer.gain["held_out_rmse_after"] < 1.05 * answer.gain["noise_floor"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gap_that_the_steps_of_a_logger_would_show_is_not_named(tmp_path):
     """Steps of seven noises: beside the dead time a gap of less than a step gains 30 on the record, and 250 on one
     of the model without it that is logged in the same steps."""
