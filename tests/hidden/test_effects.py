@@ -28,8 +28,8 @@ NAMED = [*[(*case, SHORT) for case in KINDS],
 SOON = [("dead-time", 37), *[pytest.param(*case, marks=pytest.mark.slow) for case in (
     ("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34), ("imbalance", 36),
     ("wrong-scale", 39), ("wrong-scale-shaft", 42))]]
-UNEXPLAINED = pytest.mark.xfail(strict=True, reason="unexplained: a start of the gap promises nothing, and a fold of the "
-                                "friction ends in another valley")
+UNEXPLAINED = pytest.mark.xfail(strict=True, reason="unexplained: a start of the gap promises nothing, "
+                                "and a fold of the friction ends in another valley")
 # Two at once, and other kinds of record.
 MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.slow),
         # Dry friction at the motor had stood for both, and beside it neither found to its own values.
@@ -224,7 +224,7 @@ def test_a_delay_that_the_base_has_damped_away_is_left_open(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="open between both breakaway frictions: one linear step beside the first one "
+@pytest.mark.xfail(strict=True, reason="open between both breakaway frictions: one linear step beside the first "
                    "promises 2.2")
 def test_a_law_that_a_later_one_makes_too_wide_becomes_its_special_case(tmp_path):
     # Without the load's breakaway friction one at the motor makes up for it; beside it a dry one will do.

@@ -30,7 +30,7 @@ def test_a_gap_that_has_bent_the_base_is_found_from_where_the_base_began(tmp_pat
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="both are found, but open with unlisted: the fit does not settle, and leaves 1 %")
+@pytest.mark.xfail(strict=True, reason="both are found, but open with unlisted: the fit does not settle")
 def test_a_gap_beside_stribeck_friction_of_which_neither_shows_alone(tmp_path):
     answer, causes = answered(("backlash", "stribeck-load"), 100001, tmp_path, "backlash,stribeck-load,third-mass",
                               record="chirp", seed=100001, records=2, duration=8.0,
@@ -40,7 +40,7 @@ def test_a_gap_beside_stribeck_friction_of_which_neither_shows_alone(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="the load's friction alone is found, rightly, and unlisted is said beside it: "
+@pytest.mark.xfail(strict=True, reason="the load's friction alone is found, rightly, and unlisted beside it: "
                    "halves of the record differ by 29.9 where 25 is the bound")
 def test_what_rounding_leaves_is_no_sign_of_another_law(tmp_path):
     """Dry friction beside coarse steps: motor and load look alike, but nothing else is missing."""
