@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.diagnosis import CandidateResult, Diagnosis, Gain, Round
-from drivetool.check.exhibits import View, exhibits_of
+from drivetool.check.report.exhibits import exhibits_of
+from drivetool.check.report.view import View
 from drivetool.drive.chain import two_mass
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 

@@ -8,18 +8,20 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import chi2
 
-from drivetool.check.diagnose import base_model
-from drivetool.check.model import Model
+from drivetool.check.causes import CAUSES
+from drivetool.check.fit.model import Model, everything, from_start
+from drivetool.check.search.attempt import Tried, attempt, screen
+from drivetool.check.search.begin import stand_at
 from drivetool.drive.chain import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
-from tests.simulator.controllers import SpeedPI
 from tests.simulator.experiments import alternating, multisine, steps, trapezoids
+from tests.simulator.fast import PI, simulate_fast
 from tests.simulator.machine import Machine, at_rest, machine_by_seed, running
 from tests.simulator.records import white_noise
-from tests.simulator.simulate import Sensor, simulate, simulate_linear
+from tests.simulator.simulate import simulate_linear
 
 STEP = 1e-3
 
@@ -89,10 +91,9 @@ def reversing_record(machine: Machine, seed: int, duration: float = 10.0, torque
     f = resonance(machine) if machine.bodies > 1 else 10.0
     excite = multisine(np.linspace(0.2, 2.0, 15) * f, 0.012 * rated, duration, STEP, seed)[:size]
     gain = 6.0 * total
-    controller = SpeedPI(reference, gain, 2.0 * gain, STEP, limit=rated)
-    run = simulate(machine, excite, STEP, at_rest(machine), controller,
-                   white_noise(size, torque_noise * rated, 7 * seed + 3),
-                   sensor=Sensor("speed", white_noise(size, speed_noise * top / 10.0, 7 * seed + 4)))
+    run = simulate_fast(machine, excite, STEP, at_rest(machine), PI(reference, gain, 2.0 * gain, limit=rated),
+                        white_noise(size, torque_noise * rated, 7 * seed + 3),
+                        sensor_noise=white_noise(size, speed_noise * top / 10.0, 7 * seed + 4))
     return experiment(run.command, run.measured), run
 
 
@@ -113,7 +114,7 @@ def gap_record(machine: Machine, seed: int, torque_noise: float = 0.002, speed_n
     pairs = int(np.clip(6.0 / (2.0 * np.mean(half)), 4, 12))
     torque = alternating(start.torque, (0.35 * rated, 0.5 * rated), half, pairs, 0.4, STEP, seed)
     size = len(torque)
-    run = simulate(machine, torque, STEP, start, None, white_noise(size, torque_noise * rated, 7 * seed + 5))
+    run = simulate_fast(machine, torque, STEP, start, None, white_noise(size, torque_noise * rated, 7 * seed + 5))
     scale = rated * 0.25 / sum(machine.inertia)
     speed = run.speeds[:, 0] + white_noise(size, speed_noise * scale, 7 * seed + 6)
     return experiment(torque, speed, "gap"), run
@@ -141,4 +142,10 @@ def one_sensor(seed: int, torque_noise: float = 0.002, spikes: Mapping[int, floa
             "shaft.damping")
     drive = drive_like(machine, list(free))
     task = Task(drive, free, roles_of([record], drive), (record,))
-    return base_model(task), torque_noise * rated / sensor
+    return from_start(task), torque_noise * rated / sensor
+
+
+def tried(code: str, base: Model) -> Tried:
+    """A cause fitted on top of a base, from every start of its own that is worth it."""
+    masks = everything(base.problem)
+    return attempt(screen(CAUSES[code], [stand_at(base)], masks), base, masks)

@@ -12,7 +12,8 @@ from tests.places import ROOT
 
 SEVERITIES = ("note", "warning", "failure")
 # Modules that are handed a code by a caller, and the codes that they are handed.
-HANDED_ON = {"check/preflight.py": {"wrong-sign", "wrong-scale"}, "check/shaft.py": {"wrong-sign", "wrong-scale"},
+HANDED_ON = {"check/faults/preflight.py": {"wrong-sign", "wrong-scale"},
+             "check/faults/shaft.py": {"wrong-sign", "wrong-scale"},
              "identify/blackbox_findings.py": {"shaft-not-excited", "impossible-conversion"}}
 # A diagnosis rewrites the severity of a finding of its last fit.
 REWRITTEN = {"innovations-correlated": {"note"}}

@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -39,3 +40,23 @@ def test_structure(path):
             assert top in FREE | FENCED.get(room, set()), f"{top} is not for {room}"
             if top == "drivetool" and rest and rest[0] in LOWER and rest[0] != "__init__":
                 assert rest[0] in LOWER[room] | {room}, f"{room} must not import {rest[0]}"
+
+
+def test_no_folder_of_check_is_crowded():
+    """Fifteen files side by side are what a reader takes in; the causes are a catalogue."""
+    folders = {path.parent for path in FILES if path.is_relative_to(ROOT / "check")} - {ROOT / "check" / "causes"}
+    assert {f.name: n for f in folders if (n := len([*f.glob("*.py")])) > 15} == {}
+
+
+def test_no_files_of_check_import_each_other():
+    files = {".".join(("drivetool", *path.relative_to(ROOT).with_suffix("").parts)): path for path in FILES
+             if path.is_relative_to(ROOT / "check") and path.name != "__init__.py"}
+    order = TopologicalSorter({name: _imported(path) & files.keys() for name, path in files.items()})
+    order.prepare()  # raises where there is a circle, and names it
+
+
+def _imported(path):
+    """Modules that a file imports, or may: a name taken from a package may be one."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {name for node in froms for a in node.names for name in (node.module, f"{node.module}.{a.name}")}

@@ -8,37 +8,39 @@ there; named is what no other cause comes close to; and what noise cannot explai
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.afresh import strayed
-from drivetool.check.between_records import change_between
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
-from drivetool.check.judgement import UNEXPLAINED
-from drivetool.check.lateness import lag_of
-from drivetool.check.load_scale import load_scale
-from drivetool.check.model import BROKEN, Masks, Model, everything, from_start, heard_afresh
-from drivetool.check.parts import with_parts
-from drivetool.check.preflight import LATE, Fault, fine_steps, preflight
-from drivetool.check.rounds import Search
-from drivetool.check.samples import fitted_samples, samples_of
-from drivetool.check.second_look import second_look
-from drivetool.check.shaft import BLAMED, SCALE, scale_fault, shaft_fault
-from drivetool.check.shaft_scale import likelier_so, scale_beside
-from drivetool.check.spikes import expected_peaks, put_back, without_outliers, without_surprises
-from drivetool.check.story import tell
+from drivetool.check.faults.lateness import lag_of
+from drivetool.check.faults.load_scale import load_scale
+from drivetool.check.faults.preflight import LATE, Fault, fine_steps, preflight
+from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
+from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
+from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
+from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
+from drivetool.check.fit.parts import with_parts
+from drivetool.check.fit.samples import split_of
+from drivetool.check.report.judgement import UNEXPLAINED
+from drivetool.check.report.story import tell
+from drivetool.check.search.look import look
+from drivetool.check.search.result import Searched
+from drivetool.check.search.search import Search
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
+from drivetool.identify.cooling import SHAPE
 from drivetool.identify.engine import Task
-from drivetool.identify.setup import led_in, roles_of
+from drivetool.identify.setup import Roles, led_in, roles_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.unmeasured import measured
 
 DELAY, DELAYED = "dead-time", "converter.dead_time"
 MUCH = 0.5  # samples of a dead time, from which what was commanded before a record counts in it
+BENT = 1.5  # factor by which a base that makes up for a law leaves its start, and no start is wrong
 SHORTEST = 2.0  # s of record below which nothing can be held out
 UNCHECKED = Finding(
     "note", "shaft-torque-unchecked",
@@ -102,10 +104,10 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     if delay > MUCH * max(e.step for e in mended):
         # What was commanded before the record comes through in it: nobody knows what that was.
         mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
-        search = searched(asked, mended, drive, faults)
+        search = looked_again(asked, search, mended, drive, faults)
     search = with_shaft_scale(asked, search, mended, blamed)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
-        search.leave_out(*without_surprises(search.model, mended[:len(search.model.task.experiments)]))
+        search = search.without(*without_surprises(search.model, mended[:len(search.train)]))
     return tell(search, drive, options)
 
 
@@ -116,7 +118,7 @@ def as_begun(drive: Drive, free: Sequence[str], begun: Mapping[str, float]) -> t
     return drive.with_values(dict.fromkeys(added, 0.0)), tuple(n for n in free if n not in added)
 
 
-def delay_of(search: Search) -> float:
+def delay_of(search: Searched) -> float:
     """The dead time that was found, or is one of what it may be [s]; zero without."""
     if DELAY not in {*search.found.causes, *search.found.between}:
         return 0.0
@@ -125,34 +127,65 @@ def delay_of(search: Search) -> float:
     return max(told, default=0.0)
 
 
-def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Search:
+def looked_again(asked: Asked, before: Searched, records: Sequence[Experiment], drive: Drive,
+                 faults: Sequence[Fault]) -> Searched:
+    """A search over less of the records, for the causes that had a chance before; of the others that stands."""
+    lines = [c for one in before.rounds for c in one.candidates]
+    near = {c.code for c in lines if c.gain is not None or c.state == "worse"}
+    wanted = tuple(c for c in asked.wanted if c in near or CAUSES[c].of_record)
+    found = searched(replace(asked, wanted=wanted), records, drive, faults)
+    rounds = tuple(replace(one, candidates=(*one.candidates, *(
+        c for c in (before.rounds[i].candidates if i < len(before.rounds) else ())
+        if c.code not in {line.code for line in one.candidates}))) for i, one in enumerate(found.rounds))
+    return replace(found, rounds=rounds)
+
+
+def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: Sequence[Fault]) -> Searched:
     """A search over the records; without those held out where the drive is another one there."""
-    train, test = records[:asked.count], records[asked.count:]
-    task = task_of(records, drive, asked.free)
-    traces = task.problem().traces
-    if sum(t.step * t.size for t in traces) < SHORTEST:
+    train = tuple(records[:asked.count])
+    roles = roles_of(records, drive)
+    split = split_of(records, asked.count, drive, roles)
+    if sum(t.step * t.size for t in split.traces) < SHORTEST:
         raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less", "Record longer, or give several logs.")
-    samples = samples_of(traces, train, test, drive)
-    base = base_model(task, fitted_samples(samples), asked.begun)
-    search = Search(base, not_ruled_out(asked.wanted, records), asked.options, samples, faults, train)
-    search.possible = frozenset(not_ruled_out(tuple(CAUSES), records))
-    search.notes, search.begun = asked.notes, asked.begun
-    if len(asked.free) > len(asked.given[1]):
-        search.begin_with(base_model(task_of(records, *asked.given), search.masks))
-    folds = search.folds
-    search.run()
+    root, elsewhere = stands(task_of(train, drive, asked.free, roles), asked)
+    wanted, possible = (not_ruled_out(codes, records) for codes in (asked.wanted, tuple(CAUSES)))
+    search = Search(root, split, wanted, frozenset(possible), asked.options, elsewhere)
+    origin = search.base(root)
+    first = origin if len(asked.free) == len(asked.given[1]) else search.base(
+        from_start(task_of(train, *asked.given, roles)))
+    result = look(search, first, faults, asked.notes, train)
     # Not before: a law that is missing asks for other values in every record, too.
-    change = search.change and change_between(base, folds)
+    change = result.change and change_between(origin.folds[0].trained, origin.folds)
     long = sum(e.step * (b - a) for e in train for a, b in e.segments) >= SHORTEST
     if change is not None and change.described and long:
-        search = searched(asked, train, drive, faults)
-        search.change = change
-        return search
-    return second_look(search)
+        return replace(searched(asked, train, drive, faults), change=change)
+    return result
 
 
-def with_shaft_scale(asked: Asked, search: Search, records: Sequence[Experiment], blamed: Sequence[Fault],
-                     ) -> Search:
+def stands(task: Task, asked: Asked) -> tuple[Model, tuple[Model, ...]]:
+    """(the base, the base elsewhere, where it may have bent its parameters to make up for what it lacks)."""
+    root = from_start(task)
+    masks = everything(root.problem)
+    found = []
+    for values in ({}, {n: asked.begun[n] for n in task.free if n in asked.begun}):
+        there = task.at(values)
+        if (values or not found) and bent(root, {n: there.drive.value(n) for n in task.free}):
+            found.append(from_start(there, masks, most=0))
+    if found:
+        # It may also have been bent from the start: then the likelier end is the base.
+        again = [fit(m, masks) for m in found]
+        root = min((root, *again), key=lambda m: m.value)
+    return with_parts(root, masks), tuple(found[:1])
+
+
+def bent(root: Model, values: Mapping[str, float | None]) -> bool:
+    """Whether an inertia, stiffness, damping or gap has left a value by a factor that no start is off by."""
+    return any(n.endswith(SHAPE) and values[n] and not values[n] / BENT < v < values[n] * BENT
+               for n, v in zip(root.task.free, root.point.values, strict=True))
+
+
+def with_shaft_scale(asked: Asked, search: Searched, records: Sequence[Experiment], blamed: Sequence[Fault],
+                     ) -> Searched:
     """The search, or another one where the shaft torque has another scale beside the causes that were found.
 
     Without those the base made up for what it lacks, and the shaft torque was held against that.
@@ -166,7 +199,7 @@ def with_shaft_scale(asked: Asked, search: Search, records: Sequence[Experiment]
     faults = [f for f in search.faults if f not in blamed]
     if abs(factor - 1.0) > max(SCALE, BLAMED * found.std):
         faults.insert(0, scale_fault(factor, abs(factor) * found.std / found.factor))
-    drive, free = search.origin.task.drive, search.origin.task.free
+    drive, free = search.origin.model.task.drive, search.origin.model.task.free
     values = {n: found.values[n] for n in free if n in found.values}
     try:
         again = searched(asked, found.records, drive.with_values(values), faults)
@@ -179,7 +212,7 @@ def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment],
                      faults: Sequence[Fault]) -> tuple[tuple[Experiment, ...], list[Fault]]:
     """Records and faults with those outliers only that surprise a base which has not seen them."""
     whole = put_back(mended, logged)
-    spared = expected_peaks(base_model(task_of(mended, drive, free)), whole, mended)
+    spared = expected_peaks(from_start(task_of(mended, drive, free, roles_of(mended, drive))), whole, mended)
     found = [without_outliers(e, places) for e, places in zip(whole, spared, strict=True)]
     outliers = [Fault("outliers", f) for _, findings in found for f in findings]
     return tuple(e for e, _ in found), [*outliers, *(f for f in faults if f.code != "outliers")]
@@ -206,20 +239,6 @@ def not_ruled_out(wanted: Sequence[str], experiments: Sequence[Experiment]) -> l
     return [c for c in wanted if not (c == "speed-filter" and prompt)]
 
 
-def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str]) -> Task:
+def task_of(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles) -> Task:
     """The drive over the records, what was free in the base free again."""
-    return Task(drive, tuple(n for n in drive.quantities if n in free), roles_of(experiments, drive),
-                tuple(experiments))
-
-
-def base_model(task: Task, masks: Masks | None = None, begun: Mapping[str, float] = MappingProxyType({})) -> Model:
-    """The base refitted until it moves no more: one that has not converged makes every cause a discovery.
-
-    begun  values that its own fit started from: where a channel was mended, that fit may have gone far astray
-    """
-    masks = everything(task.problem()) if masks is None else masks
-    base = from_start(task, masks, rounds=10)
-    if strayed(base, begun):
-        again = from_start(task.at({n: begun[n] for n in task.free if n in begun}), masks, rounds=10)
-        base = min(base, again, key=lambda m: m.value)
-    return with_parts(heard_afresh(base, masks), masks)
+    return Task(drive, tuple(n for n in drive.quantities if n in free), roles, tuple(experiments))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
+    from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
     from drivetool.drive.chain import Drive
     from drivetool.errors import Finding
     from drivetool.identify.estimate import Exhibit
@@ -24,7 +24,7 @@ def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, 
     path     of the gains file
     returns  (Validation, (name, sha256) of the gains file)
     """
-    from drivetool.check.validation import Validation
+    from drivetool.check.validation.result import Validation
     from drivetool.files.gains_file import controller, load_gains
     from drivetool.tune.loop import build
     from drivetool.tune.replay import replay_load_step
@@ -55,7 +55,7 @@ def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, optio
     """One signal; residual tests need an open loop and are not made."""
     import numpy as np
 
-    from drivetool.check.validation import RecordCheck
+    from drivetool.check.validation.result import RecordCheck
 
     y = run.measured[role][np.isfinite(run.measured[role])]
     wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))

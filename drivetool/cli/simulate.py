@@ -12,7 +12,7 @@ from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 
 if TYPE_CHECKING:
-    from drivetool.check.model_run import ModelRun
+    from drivetool.check.report.model_run import ModelRun
     from drivetool.identify.estimate import Exhibit
     from drivetool.logs.experiment import Experiment
 
@@ -40,7 +40,7 @@ def command(
 
 def run(job: Job, segment: float) -> int:
     """Open, simulate, write; the exit code."""
-    from drivetool.check.model_run import run_model
+    from drivetool.check.report.model_run import run_model
     from drivetool.cli.deliver import draw
     from drivetool.files.run_file import run_table
     from drivetool.files.write import write_whole

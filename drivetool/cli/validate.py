@@ -17,7 +17,7 @@ from drivetool.cli.record_option import BETWEEN, OPTION, differing, only_stated
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
-    from drivetool.check.validation import ValidateOptions
+    from drivetool.check.validation.result import ValidateOptions
     from drivetool.cli.inputs import Opened
     from drivetool.drive.chain import Drive
     from drivetool.files.shapes import ParameterFile
@@ -56,7 +56,7 @@ def command(
               (gains,) if gains else (), start or (), record or ())
 
     def work() -> int:
-        from drivetool.check.validation import ValidateOptions
+        from drivetool.check.validation.result import ValidateOptions
 
         asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value)
         return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
@@ -108,8 +108,8 @@ def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
 
 def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
-    from drivetool.check.validate import validate
-    from drivetool.check.validate_torque import validate_torque
+    from drivetool.check.validation.validate import validate
+    from drivetool.check.validation.validate_torque import validate_torque
     from drivetool.files.result_file import validation_file
     from drivetool.identify.unused import used_by
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 import drivetool
-from drivetool.check.validation import Validation
+from drivetool.check.validation.result import Validation
 from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files import shapes

@@ -7,7 +7,7 @@ from io import BytesIO
 
 import numpy as np
 
-from drivetool.check.model_run import ModelRun
+from drivetool.check.report.model_run import ModelRun
 
 
 def run_table(run: ModelRun, about: Mapping[str, str]) -> bytes:

@@ -49,7 +49,7 @@ class Fit:
 
 def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, *,
                     linear: Problem | None = None, most: int = 12, arrived: bool = False,
-                    wanted: float = np.inf) -> Fit:
+                    wanted: float = np.inf, renewed: bool = True) -> Fit:
     """Fit from a point.
 
     noise    first guess; None: estimated at the start point, where a large ratio found for a bad
@@ -58,6 +58,7 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
              and friction they are constant, a second way into the optimum
     arrived  the point is near its optimum: few steps a round from the beginning
     wanted   -log likelihood to be reached: what is far above it after a few rounds is given up
+    renewed  whether the noise is estimated too; else it stays as it is given
     returns  Fit
     """
     if noise is None:
@@ -74,8 +75,8 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
         settled = arrived or rounds >= 2
         wide = (rounds == 2 and not arrived) or rounds % ANEW == 0
         around = None if wide and noise.memory is None else noise.ratio
-        fresh = fit_ratio(problem, point, noise, around, settled)
-        fresh = _sensor_scales(problem, point, fresh)
+        fresh = fit_ratio(problem, point, noise, around, settled) if renewed else noise
+        fresh = _sensor_scales(problem, point, fresh) if renewed else noise
         change = abs(np.log(fresh.ratio / noise.ratio))
         noise = fresh
         passes = filtered(problem, point, noise, keep=False)

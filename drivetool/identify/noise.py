@@ -99,7 +99,16 @@ def filtered(problem: Problem, point: Point, noise: Noise, keep: bool = True) ->
                              kick)
         gains = replace(found.gains, weight=found.gains.weight * problem.sensor_std)
         passes.append(_told(replace(found, gains=gains, variance=found.variance / unit), t))
-    return passes
+    if problem.counts is None:
+        return passes
+    return [_counted(f, mask) for f, mask in zip(passes, problem.counts, strict=True)]
+
+
+def _counted(found: Filtered, mask: np.ndarray) -> Filtered:
+    """The pass with the errors of the samples that count alone."""
+    weight = np.where(mask[:, None], found.gains.weight, 0.0)
+    innovations = np.where(mask[:, None], found.innovations, np.nan)
+    return replace(found, innovations=innovations, gains=replace(found.gains, weight=weight))
 
 
 def with_torque_noise(trace: Trace, noise: Noise, sensor_std: float, rng: np.random.Generator) -> Trace:
@@ -221,7 +230,8 @@ def excerpt(problem: Problem, most: int = ENOUGH) -> Problem:
     if total <= most:
         return problem
     keep = [max(10, t.size * most // total) for t in problem.traces]
-    return replace(problem, traces=tuple(
+    counts = None if problem.counts is None else tuple(m[:n] for m, n in zip(problem.counts, keep, strict=True))
+    return replace(problem, counts=counts, traces=tuple(
         replace(t, inputs=t.inputs[:n], outputs=t.outputs[:n]) for t, n in zip(problem.traces, keep, strict=True)))
 
 

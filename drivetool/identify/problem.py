@@ -58,6 +58,7 @@ class Problem:
     lag        samples over which a free run's errors are differenced: those of an angle are then errors of a speed;
                0: not at all
     states     names of the states, by which a stretch says what is known of its start
+    counts     per trace (n,) whether a sample is fitted to; the others are known to the filter. None: all are
     """
 
     build: Callable[[np.ndarray, Trace, bool, float | None], Plant]
@@ -77,11 +78,13 @@ class Problem:
     states: tuple[str, ...] = ()
     sensor_std: float = 1.0
     step: float = 0.0
+    counts: tuple[np.ndarray, ...] | None = None
 
     @property
     def count(self) -> int:
-        """Number of measured values."""
-        return int(sum(np.isfinite(t.outputs).sum() for t in self.traces))
+        """Number of measured values that count."""
+        known = [np.isfinite(t.outputs) for t in self.traces]
+        return int(sum((k if self.counts is None else k[self.counts[i]]).sum() for i, k in enumerate(known)))
 
     @property
     def unknowns(self) -> int:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.allowance import EITHER, allowed, averaged
-from drivetool.check.heldout import refit
-from drivetool.check.model import everything, losses, spread, total
+from drivetool.check.fit.allowance import EITHER, allowed, averaged
+from drivetool.check.fit.model import everything, fit, losses, spread, total
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from tests.recover import one_sensor
@@ -51,7 +50,7 @@ def slopes(model):
 def test_it_is_the_marginal_likelihood_of_a_linear_model(seed, block):
     base, _ = one_sensor(seed)
     train, test = parts(base, (0, 2000), block)
-    model = refit(base, train)
+    model = fit(base, train)
     where, at = train[0], test[0]
     passes = filtered(model.problem, model.point, model.noise, keep=False)
     variance = spread(passes, train)
@@ -71,7 +70,7 @@ def test_a_block_that_the_parameters_can_follow_is_not_given_up():
     # Trained on a stretch that tells little of the friction, the model runs on beside the record.
     base, _ = one_sensor(4)
     train, test = parts(base, (0, 150), (3000, 4000))
-    model = refit(base, train)
+    model = fit(base, train)
     passes = filtered(model.problem, model.point, model.noise, keep=False)
     plain = total(losses(passes, spread(passes, train)), test)
     whole = filtered(base.problem, base.point, base.noise, keep=False)

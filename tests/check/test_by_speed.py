@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.by_speed import share_by_speed
+from drivetool.check.report.by_speed import share_by_speed
 from drivetool.drive.simulate import Trace
 
 STEP, SIZE = 1e-3, 12_000

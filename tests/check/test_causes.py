@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.absence import law_of, needs_of, why_absent
 from drivetool.check.causes import CAUSES, DECIDES, FITTED, mistaken_for
-from drivetool.check.model import from_start
-from drivetool.check.structure import carried
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.structure import carried
+from drivetool.check.search.absence import law_of, needs_of, why_absent
 from drivetool.drive.chain import two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.identify.engine import Task
@@ -21,9 +21,8 @@ from tests.recover import reversing_record
 from tests.simulator.machine import machine_by_seed
 
 FOLDER = ROOT / "drivetool" / "check" / "causes"
-# Files of the search, and of faults of the record, that still know a cause by its name.
-KNOWING = {"descents.py", "diagnose.py", "judgement.py", "preflight.py", "rattle.py", "rounds.py", "scan.py",
-           "second_look.py", "shaft.py", "spikes.py", "story.py"}
+# Files of faults of the record, and of what is said in the end, that still know a cause by its name.
+KNOWING = {"diagnose.py", "judgement.py", "preflight.py", "shaft.py", "spikes.py", "story.py"}
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +35,7 @@ def base():
         "total.viscous": sum(machine.viscous), "total.idle_torque": 0.0,
         "shaft.stiffness": machine.stiffness[0], "shaft.damping": machine.damping[0]})
     free = tuple(n for n in drive.quantities if n in drive.values)
-    return from_start(Task(drive, free, roles_of([record], drive), (record,)), rounds=1)
+    return from_start(Task(drive, free, roles_of([record], drive), (record,)), most=1)
 
 
 def test_codes_are_words_of_their_own_and_files_are_short():

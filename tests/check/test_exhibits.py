@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.exhibits import exhibits_of, view_of
-from drivetool.check.model_run import run_model
-from drivetool.check.reversals import reversals_of
+from drivetool.check.report.exhibits import exhibits_of
+from drivetool.check.report.model_run import run_model
+from drivetool.check.report.reversals import reversals_of
+from drivetool.check.report.view import view_of
 from drivetool.drive.chain import two_mass
 from drivetool.files import plots
 from drivetool.files.report_figures import kinds, svg

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.freerun import noise_limit
-from drivetool.check.replay import replay
-from drivetool.check.validation import RecordCheck
+from drivetool.check.validation.freerun import noise_limit
+from drivetool.check.validation.replay import replay
+from drivetool.check.validation.result import RecordCheck
 from drivetool.drive.chain import one_body
 from tests.recover import STEP, experiment
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.causes import FITTED
-from drivetool.check.hypothesis import begin
-from drivetool.check.model import everything, from_start
+from drivetool.check.causes import CAUSES
+from drivetool.check.fit.model import everything, from_start
+from drivetool.check.search.begin import begin, stand_at
 from drivetool.drive.chain import two_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
@@ -36,29 +36,30 @@ def bases():
                                         "shaft.ratio": gear})
         task = Task(drive, tuple(n for n in drive.quantities if n in {*values, *behind}),
                     roles_of([record], drive), (record,))
-        found.append(from_start(task, rounds=0))
+        found.append(from_start(task, most=0))
     return found
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_a_cause_begins_alike_on_both_sides_of_a_gear(bases, code):
-    candidate = next(c for c in FITTED if c.code == code)
-    plain, geared = (candidate.starts(base) for base in bases)
+    plain, geared = (CAUSES[code].starts(base) for base in bases)
     assert plain and len(plain) == len(geared)
-    masks = everything(bases[0].problem)
+    masks, stands = everything(bases[0].problem), [stand_at(base) for base in bases]
     for one, other in zip(plain, geared, strict=True):
         assert one.task.free == other.task.free
-        begun, there = (begin(base, start, masks) for base, start in zip(bases, (one, other), strict=True))
+        begun, there = (begin(stand, CAUSES[code], start, masks)
+                        for stand, start in zip(stands, (one, other), strict=True))
         for j, name in enumerate(one.task.free):
             owner, _, what = name.rpartition(".")
             if name in bases[0].task.free:
                 continue
             scale = 1.0 if owner == "motor" else GEAR ** POWER[what]
             if name not in one.amplitudes:
-                assert there.point.values[j] == pytest.approx(scale * begun.point.values[j], rel=1e-6), name
+                mine, theirs = (at.model.point.values[j] for at in (begun, there))
+                assert theirs == pytest.approx(scale * mine, rel=1e-6), name
             allowed = one.task.drive.quantity(name).bounds  # of a unit, not of a drive
             for end in ("low", "high"):
-                mine, theirs = (getattr(at.problem, end)[j] for at in (begun, there))
+                mine, theirs = (getattr(at.model.problem, end)[j] for at in (begun, there))
                 if mine not in allowed:
                     assert theirs == pytest.approx(scale * mine, rel=1e-6), name
         if np.isfinite(begun.promise):

@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.between_records import change_between, share_beyond
-from drivetool.check.diagnose import base_model
-from drivetool.check.heldout import Fold
-from drivetool.check.model import everything, judge, likeliest_noise, over
-from drivetool.check.remainder import remainder
-from drivetool.check.samples import fitted_samples, held_out, samples_of
+from drivetool.check.fit.between_records import change_between, share_beyond
+from drivetool.check.fit.heldout import Fold, extended
+from drivetool.check.fit.model import everything, from_start, judge, likeliest_noise, over
+from drivetool.check.fit.remainder import remainder
+from drivetool.check.fit.samples import split_of
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
 from tests.recover import drive_like, linear_record
@@ -23,14 +22,14 @@ FREE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping", "mo
 
 @pytest.fixture(scope="module")
 def absorbed():
-    """(a base whose parameters have absorbed the torque noise of the first of two records, its fold of samples)."""
+    """(a base whose parameters have absorbed the torque noise of the first of two records, the split of both)."""
     machine = machine_by_seed(4)
     first, second = (linear_record(machine, seed, 6.0, 0.0015) for seed in (4, 1004))
     drive = drive_like(machine, list(FREE))
-    task = Task(drive, FREE, roles_of([first], drive), (first, second))
-    samples = samples_of(task.problem().traces, [first], [second], drive)
-    base = base_model(task, fitted_samples(samples))
-    return replace(base, noise=replace(base.noise, ratio=1e-3)), samples
+    task = Task(drive, FREE, roles_of([first], drive), (first,))
+    split = split_of((first, second), 1, drive, task.roles)
+    base = from_start(task)
+    return extended(replace(base, noise=replace(base.noise, ratio=1e-3)), split), split
 
 
 def test_the_noise_of_a_record_held_out_is_found_on_it(absorbed):
@@ -44,20 +43,19 @@ def test_the_noise_of_a_record_held_out_is_found_on_it(absorbed):
 
 
 def test_a_right_drive_leaves_nothing_of_it(absorbed):
-    base, samples = absorbed
-    held = held_out(samples)
-    assert [bool(mask.any()) for mask in held] == [False, True]
-    assert remainder(base).total > 25.0 and remainder(base, held).total == 0.0
+    base, split = absorbed
+    assert remainder(base).total > 25.0 and remainder(base, split.held).total == 0.0
 
 
 def test_it_asks_for_no_other_values_of_a_right_drive(absorbed):
-    base, ((train, test, again),) = absorbed
+    base, split = absorbed
+    ((train, test, again),) = split.folds
     assert change_between(base, [Fold(train, test, again, base, 0.0)]) is None
 
 
 def test_halves_of_records_hold_none_out(absorbed):
-    base, samples = absorbed
-    assert held_out([*samples, *samples]) == []
+    base, split = absorbed
+    assert split_of(split.experiments, 2, base.task.drive, base.task.roles).held == []
     assert np.isfinite(remainder(base, []).total)
 
 

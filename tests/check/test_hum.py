@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.diagnose import base_model
-from drivetool.check.hum import hum, lines_of
+from drivetool.check.fit.model import from_start
+from drivetool.check.report.hum import hum, lines_of
 from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -16,9 +16,9 @@ from drivetool.logs.experiment import Experiment
 from tests.recover import STEP, drive_like, experiment, linear_record, truth
 from tests.simulator.effects import Effects
 from tests.simulator.experiments import multisine
+from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import machine_by_seed, running
 from tests.simulator.records import white_noise
-from tests.simulator.simulate import simulate
 
 FREE = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness", "shaft.damping")
 MACHINE = machine_by_seed(2)
@@ -28,7 +28,7 @@ SENSOR = 0.002 * MACHINE.rated_torque * 0.25 / sum(MACHINE.inertia)
 def base_of(record):
     """The base of a diagnosis of a record, begun at the machine's values."""
     drive = drive_like(MACHINE, list(FREE))
-    return base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
+    return from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
 
 
 def with_hum(record, frequency, rms):
@@ -58,7 +58,7 @@ def test_a_filter_that_hardly_trusts_the_past_does_not_make_a_hum_larger():
     signals = {"motor_torque": torque, "motor_angle": angle + rng.normal(0.0, noise, size) + wave}
     record = Experiment("angle", "0" * 64, STEP, 0.0, signals, ((0, size),), torque_is="command")
     drive = one_body().with_values({"motor.inertia": inertia, "motor.viscous": 1e-4})
-    model = base_model(Task(drive, ("motor.inertia", "motor.viscous"), roles_of([record], drive), (record,)))
+    model = from_start(Task(drive, ("motor.inertia", "motor.viscous"), roles_of([record], drive), (record,)))
     (line,) = lines_of(model)
     assert line.frequency == pytest.approx(445.0, abs=1.5)
     assert line.rms == pytest.approx(0.7 * noise, rel=0.1)
@@ -73,7 +73,7 @@ def test_a_ripple_is_no_hum_where_the_speed_changes():
     size = 10_000
     torque = start.torque * (1.0 + 0.3 * (np.arange(size) // 2500 % 2)) + white_noise(size, 0.5, 7)
     machine = replace(MACHINE, effects=Effects(ripple=(0.05 * MACHINE.rated_torque, 6.0, 0.2)))
-    run = simulate(machine, torque, STEP, start)
+    run = simulate_fast(machine, torque, STEP, start)
     model = base_of(experiment(torque, run.speeds[:, 0] + white_noise(size, SENSOR, 8)))
     assert truth(MACHINE)["motor.inertia"] > 0.0 and lines_of(model) == []
 
@@ -82,7 +82,7 @@ def test_one_speed_tells_no_hum_from_a_ripple():
     start = running(MACHINE, 20.0)
     size = 8000
     torque = start.torque + white_noise(size, 0.5, 7)
-    run = simulate(MACHINE, torque, STEP, start)
+    run = simulate_fast(MACHINE, torque, STEP, start)
     record = experiment(torque, run.speeds[:, 0] + white_noise(size, SENSOR, 8))
     assert lines_of(base_of(with_hum(record, 212.0, SENSOR))) == []
 
@@ -93,7 +93,7 @@ def test_what_the_torque_excites_is_an_error_of_the_model_and_no_hum():
     period = multisine(np.arange(11.0, 150.0), 0.05 * MACHINE.rated_torque, 1.0, STEP, 3)
     torque = start.torque + np.tile(period, size // len(period))
     machine = replace(MACHINE, effects=Effects(quadratic=(0.0, 0.3 * MACHINE.rated_torque / 20.0**2)))
-    run = simulate(machine, torque, STEP, start)
+    run = simulate_fast(machine, torque, STEP, start)
     angles = {f"{body}_angle": run.angles[:, i] + white_noise(size, 1e-5, 8 + i)
               for i, body in enumerate(("motor", "load"))}
     record = Experiment("angles", "0" * 64, STEP, 0.0, {"motor_torque": torque, **angles}, ((0, size),),

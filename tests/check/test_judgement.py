@@ -6,21 +6,19 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check import judgement
-from drivetool.check.decide import Decision
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
-from drivetool.check.found import Found
-from drivetool.check.judgement import OF_SPEED, SCATTER, SEVERAL, judged
-from drivetool.check.remainder import Remainder
+from drivetool.check.fit.remainder import Remainder
+from drivetool.check.report import judgement
+from drivetool.check.report.judgement import OF_SPEED, SCATTER, SEVERAL, judged
+from drivetool.check.search.result import Found
 
 REPEATS = SimpleNamespace(findings=(SimpleNamespace(code="innovations-correlated"),))
 CLEAN = SimpleNamespace(findings=())
 
 
-def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), sure=True, free=()):
-    """A search that found one cause in one round, and what it leaves."""
-    found = Found()
-    found.take(code, Decision(None, (code, *rivals), 50.0), ["x"], gain)
+def search_with(code, gain=300.0, gain_std=60.0, left=0.0, time=0.0, rivals=(), sure=True, free=(), told=()):
+    """A search that found one cause in one round, and what it leaves; told: causes that blocks tell later."""
+    found = Found((code,), {code: rivals}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
     line = CandidateResult(code, "", "named", gain, gain_std, 50.0, sure=sure)
     return SimpleNamespace(
         unasked="", faults=[], found=found, left=Remainder(left, 0.0, 0.0, time), rounds=[Round(code, (line,))],
@@ -91,8 +89,7 @@ def test_a_name_takes_blocks_that_agree_except_on_a_plain_event(code, worth, sur
 
 
 def test_a_name_that_blocks_are_sure_of_beside_a_later_cause_is_one():
-    search = search_with("coulomb-load", gain=46.9, gain_std=43.8, sure=False)
-    search.found.sure.add("coulomb-load")
+    search = search_with("coulomb-load", gain=46.9, gain_std=43.8, sure=False, told=["coulomb-load"])
     assert judged(search, CLEAN, gain(1.0, 0.3), 0.001).verdict == "named"
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivetool.check.diagnose import not_ruled_out, with_filter
-from drivetool.check.lateness import lag_of
-from drivetool.check.preflight import preflight
+from drivetool.check.faults.lateness import lag_of
+from drivetool.check.faults.preflight import preflight
 from drivetool.drive.chain import two_mass
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, read, run

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from drivetool.check.left_open import LEVEL, _inside, interval_of
-from drivetool.check.validate import validate
-from drivetool.check.validation import ValidateOptions
+from drivetool.check.validation.left_open import LEVEL, _inside, interval_of
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.validate import validate
 from drivetool.drive.chain import one_body
 from drivetool.identify.estimate import Covariance
 from tests.recover import experiment

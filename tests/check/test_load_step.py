@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import FITTED
-from drivetool.check.hypothesis import Tried, sizeable
-from drivetool.check.model import Model, everything
+from drivetool.check.causes import CAUSES
+from drivetool.check.fit.model import Model
+from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.drive.effects import load_step
 from drivetool.drive.simulate import Trace
 from drivetool.identify.noise import Noise
@@ -50,8 +50,7 @@ def test_a_load_that_sets_in_at_an_end_of_the_record_is_none(time, absent):
     problem = problem_of(drive, names, ROLES, (trace,))
     model = Model("load-step", Task(drive, names, ROLES, ()), problem, Point(np.array([8.0, time]), (np.zeros(3),)),
                   Noise(1.0, None, problem.scale), 0.0)
-    tried = Tried(next(c for c in FITTED if c.code == "load-step"), (model,), {})
-    found = sizeable(tried, model, everything(problem))
+    found = sizeable(Tried(CAUSES["load-step"], model, {}), model)
     assert (found.absent == "no-gain") is absent
     assert ("begins or ends" in found.reason) is absent
 

@@ -7,15 +7,13 @@ from functools import cache
 
 import pytest
 
-from drivetool.check.causes import FITTED
-from drivetool.check.diagnose import base_model
-from drivetool.check.hypothesis import attempt, polished
-from drivetool.check.model import Model, everything
+from drivetool.check.causes import CAUSES
+from drivetool.check.fit.model import Model, from_start
 from drivetool.drive.chain import three_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
 from tests.identify.test_parts import MACHINE, TRUE
-from tests.recover import reversing_record
+from tests.recover import reversing_record, tried
 
 SOFT = {"shaft2.stiffness": 3000.0, "shaft2.damping": 1.2}  # a second shaft that lets bodies move apart
 
@@ -27,7 +25,7 @@ def fitted(coulomb: tuple[float, ...]) -> Model:
                       damping=(2.6, SOFT["shaft2.damping"]))
     record, _ = reversing_record(machine, 5, 6.0)
     drive = three_mass().with_values({**TRUE, **SOFT, "motor.coulomb": 0.0})
-    return base_model(Task(drive, tuple(TRUE), roles_of([record], drive), (record,)))
+    return from_start(Task(drive, tuple(TRUE), roles_of([record], drive), (record,)))
 
 
 @pytest.mark.parametrize(("code", "amplitudes"), [
@@ -36,7 +34,7 @@ def fitted(coulomb: tuple[float, ...]) -> Model:
     ("stribeck-load", {"gear.stribeck", "gear.coulomb", "arm.stribeck", "arm.coulomb"}),
     ("quadratic-drag", {"motor.drag", "gear.drag", "arm.drag"})])
 def test_friction_behind_the_motor_is_looked_for_on_every_body(code, amplitudes):
-    starts = next(c for c in FITTED if c.code == code).starts(fitted((0.0, 1.5, 0.0)))
+    starts = CAUSES[code].starts(fitted((0.0, 1.5, 0.0)))
     assert {name for start in starts for name in start.amplitudes} == amplitudes
 
 
@@ -44,8 +42,6 @@ def test_friction_behind_the_motor_is_looked_for_on_every_body(code, amplitudes)
 @pytest.mark.parametrize(("coulomb", "body"), [((0.0, 1.5, 0.0), "gear"), ((0.0, 0.0, 1.5), "arm")])
 def test_dry_friction_behind_the_motor_is_found_on_its_body(coulomb, body):
     base = fitted(coulomb)
-    masks = everything(base.problem)
-    candidate = next(c for c in FITTED if c.code == "coulomb-load")
-    best = polished(attempt(candidate, base, masks), masks, base).model
+    best = tried("coulomb-load", base).model
     assert f"{body}.coulomb" in best.task.free and base.value - best.value > 500.0
     assert best.fitted.drive.value(f"{body}.coulomb") == pytest.approx(1.5, rel=0.01)

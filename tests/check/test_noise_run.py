@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.check.heldout import folds_of
-from drivetool.check.model import from_start
-from drivetool.check.noise_run import error_by_noise
-from drivetool.check.samples import samples_of
+from drivetool.check.fit.heldout import folds_of
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.noise_run import error_by_noise
+from drivetool.check.fit.samples import split_of
 from drivetool.drive.chain import one_body
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -27,8 +27,7 @@ def test_a_run_goes_astray_as_a_random_walk_does():
     drive = one_body().with_values({"motor.inertia": INERTIA, "motor.viscous": 0.0, "motor.idle_torque": 0.0})
     task = Task(drive, ("motor.inertia",), roles_of([record], drive), (record,))
     model = from_start(task)
-    samples = samples_of(model.problem.traces, [record], [], drive)
-    folds = folds_of([model], samples)
+    folds = folds_of(model, split_of((record,), 1, drive, task.roles))
     n = SIZE // 8
     walk = STEP * TORQUE / INERTIA * np.sqrt((n**2 - 1.0) / (6.0 * n))
     made = error_by_noise([f.trained for f in folds], folds)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.diagnose import base_model
-from drivetool.check.model import Model, everything, fit, spread
-from drivetool.check.remainder import _left, _logged_again, _memory, faked, remainder
+from drivetool.check.fit.model import Model, everything, fit, from_start, spread
+from drivetool.check.fit.remainder import _left, _logged_again, _memory, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from drivetool.identify.setup import roles_of
@@ -28,7 +27,7 @@ def rounded(seed: int, share: float) -> tuple[Model, float]:
     step = share * max(np.abs(t.outputs).max() for t in model.problem.traces)
     traces = tuple(replace(t, outputs=np.round(t.outputs / step) * step) for t in model.problem.traces)
     problem = replace(model.problem, traces=traces)
-    return fit("base", model.task, problem, model.point, model.noise, everything(problem)), step
+    return fit(replace(model, problem=problem), everything(problem)), step
 
 
 @pytest.mark.parametrize("seed", [2, 7])
@@ -78,12 +77,12 @@ def test_errors_that_repeat_are_worth_what_their_predictor_gains(root):
 def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
     tried = []
 
-    def fails(code, *_, **__):
-        tried.append(code)
+    def fails(model, *_, **__):
+        tried.append(model)
         raise np.linalg.LinAlgError("Singular matrix")
 
     model, _ = rounded(3, 0.05)
-    monkeypatch.setattr("drivetool.check.remainder.fit", fails)
+    monkeypatch.setattr("drivetool.check.fit.remainder.fit", fails)
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
 
 
@@ -119,5 +118,5 @@ def test_a_shaft_that_changes_within_the_record_is_something_left(seed, stiffer)
     free = ("motor.inertia", "load.inertia", "motor.viscous", "load.idle_torque", "shaft.stiffness",
             "shaft.damping")
     drive = drive_like(machine, list(free))
-    left = remainder(base_model(Task(drive, free, roles_of([record], drive), (record,)))).time
+    left = remainder(from_start(Task(drive, free, roles_of([record], drive), (record,)))).time
     assert left > 25.0 if stiffer > 1.0 else left == 0.0

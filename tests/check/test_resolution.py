@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.preflight import fine_steps, preflight
-from drivetool.check.resolution import resolution
+from drivetool.check.faults.preflight import fine_steps, preflight
+from drivetool.check.faults.resolution import resolution
 from drivetool.logs.experiment import Experiment
 from tests.recover import STEP
 

@@ -1,4 +1,4 @@
-"""Which samples a fold is fitted to and judged by."""
+"""Which samples a fold is fitted to and judged by, and where records that are held out begin."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.folds import blocks_of
-from drivetool.check.samples import fitted_samples, samples_of
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.heldout import extended, trained_on
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.samples import split_of
 from drivetool.drive.linearise import resonances
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
@@ -23,7 +25,7 @@ SLOW = 3.0  # Hz
 
 
 def slow_record(seed, size=9000):
-    """A soft drive, its record from the middle of a motion, the drive like it."""
+    """A soft drive: its record from the middle of a motion, the drive like it, its states there, its noise."""
     machine = machine_by_seed(seed)
     motor, load = machine.inertia
     stiffness = (2.0 * np.pi * SLOW) ** 2 * motor * load / (motor + load)
@@ -31,25 +33,77 @@ def slow_record(seed, size=9000):
     rated = machine.rated_torque
     torque = multisine(np.linspace(0.3, 2.0, 8) * SLOW, 0.1 * rated, 2 * size * STEP, STEP, seed)[:2 * size]
     run = simulate_linear(machine, torque, STEP, None, white_noise(2 * size, 1e-4 * rated, 3 * seed))
-    speed = run.speeds[size:, 0] + white_noise(size, 0.01 * np.abs(run.speeds).max(), 3 * seed + 1)
-    return experiment(torque[size:], speed), drive_like(machine, list(FREE))
+    noise = 0.01 * np.abs(run.speeds).max()
+    speed = run.speeds[size:, 0] + white_noise(size, noise, 3 * seed + 1)
+    start = {"motor.speed": run.speeds[size, 0], "load.speed": run.speeds[size, 1],
+             "shaft.twist": run.angles[size, 0] - run.angles[size, 1]}
+    return experiment(torque[size:], speed), drive_like(machine, list(FREE)), start, noise
 
 
 @pytest.mark.parametrize("held_out", [False, True])
 def test_samples_that_judge_are_none_that_were_fitted_to(held_out):
-    record, drive = slow_record(20)
-    other, _ = slow_record(21)
-    task = Task(drive, FREE, roles_of([record, other], drive), (record, other))
-    traces = task.problem().traces
-    folds = samples_of(traces, [record] if held_out else [record, other], [other] if held_out else [], drive)
-    assert len(folds) == (1 if held_out else 2)
-    for fold in folds:
-        for t, train, test, again in zip(traces, *fold, strict=True):
+    record, drive, *_ = slow_record(20)
+    other, *_ = slow_record(21)
+    records = (record, other)
+    split = split_of(records, 1 if held_out else 2, drive, roles_of(records, drive))
+    assert (split.held_out, split.fitted, len(split.folds)) == ((True, 1, 1) if held_out else (False, 2, 2))
+    for fold in split.folds:
+        for t, train, test, again in zip(split.traces, *fold, strict=True):
             assert not np.any(train & test) and np.all(train | test)
             told = train & again
             # What tells the start state: two periods of the slowest mode, at most half a block.
-            slowest, (_, a, b) = min(mode.frequency_hz for mode in resonances(drive)), blocks_of(traces)[0]
+            slowest, (_, a, b) = min(mode.frequency_hz for mode in resonances(drive)), blocks_of(split.traces)[0]
             assert told.sum() == pytest.approx(min(2.0 / slowest / t.step, 0.5 * (b - a)), abs=1)
             assert told[:told.sum()].all() and np.all(again == (test | told))
-    if not held_out:
-        assert all(np.all(mask) for mask in fitted_samples(folds))
+    if held_out:
+        assert [bool(mask.any()) for mask in split.held] == [False, True] and split.held[1].all()
+        assert split.heads == (int((split.folds[0].train[1]).sum()),)
+    else:
+        assert split.held == [] and split.heads == ()
+        assert all(np.all(one | other) for one, other in zip(*(fold.train for fold in split.folds), strict=True))
+
+
+@pytest.fixture(scope="module")
+def held():
+    """(a base of one record, its split, the states at which the record held out begins, the sensor's noise)."""
+    (record, drive, *_), (other, _, start, noise) = slow_record(20), slow_record(20, 8000)
+    roles = roles_of([record], drive)
+    base = from_start(Task(drive, FREE, roles, (record,)))
+    return base, split_of((record, other), 1, drive, roles), start, noise
+
+
+def test_a_record_held_out_begins_where_its_own_beginning_says(held):
+    """To the error that whole periods of its slowest mode leave: mean, cosine and sine, without damping."""
+    base, split, start, noise = held
+    whole = extended(base, split)
+    assert np.array_equal(whole.point.values, base.point.values) and whole.noise == base.noise
+    assert np.array_equal(whole.point.starts[0], base.point.starts[0])
+    assert whole.task.experiments == split.experiments
+    motor, load = (base.fitted.drive.value(f"{body}.inertia") for body in ("motor", "load"))
+    std = {"motor.speed": np.sqrt(3.0), "load.speed": np.hypot(1.0, np.sqrt(2.0) * motor / load),
+           "shaft.twist": np.sqrt(2.0) * (motor + load) / load / (2.0 * np.pi * SLOW)}
+    names = base.problem.states
+    assert set(names) == set(start)
+    for name, value in zip(names, whole.point.starts[1], strict=True):
+        assert value == pytest.approx(start[name], abs=4.0 * std[name] * noise / np.sqrt(split.heads[0])), name
+    assert trained_on(base, split, split.folds[0]).point.starts[1] == pytest.approx(whole.point.starts[1])
+
+
+@pytest.mark.parametrize("spoilt", [np.nan, 1e5])
+def test_what_comes_after_its_beginning_has_no_say_in_where_a_record_begins(held, spoilt):
+    base, split, _, noise = held
+    head, trace = split.heads[0], split.traces[1]
+    outputs, inputs = trace.outputs.copy(), trace.inputs.copy()
+    outputs[head:] = spoilt * noise
+    inputs[head:] = 1e3 * np.abs(inputs).max()
+    other = replace(split, traces=(split.traces[0], replace(trace, outputs=outputs, inputs=inputs)))
+    plain, later = (extended(base, s).point.starts[1] for s in (split, other))
+    assert np.array_equal(plain, later)
+    outputs[:head] += 10.0 * noise
+    assert not np.array_equal(extended(base, other).point.starts[1], plain)
+
+
+def test_without_records_held_out_a_model_is_over_all_of_them_already(held):
+    base, split, *_ = held
+    alone = split_of(split.experiments[:1], 1, base.task.drive, base.task.roles)
+    assert extended(base, alone) is base

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
-from drivetool.check.found import Found
-from drivetool.check.judgement import UNEXPLAINED, verdict_of
-from drivetool.check.preflight import Fault
-from drivetool.check.remainder import Remainder
-from drivetool.check.sentence import experiment_of, sentence_of, taken_for_noise
-from drivetool.check.story import _as_told, in_the_base
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.remainder import Remainder
+from drivetool.check.report.judgement import UNEXPLAINED, verdict_of
+from drivetool.check.report.sentence import experiment_of, sentence_of, taken_for_noise
+from drivetool.check.report.story import _as_told, in_the_base
+from drivetool.check.search.result import Found
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Parameter
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.spikes import put_back, spikes, without_outliers, without_surprises
+from drivetool.check.faults.spikes import put_back, spikes, without_outliers, without_surprises
 from drivetool.logs.experiment import Experiment
 from tests.recover import one_sensor
 

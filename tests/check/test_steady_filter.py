@@ -6,11 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from drivetool.check import scan
-from drivetool.check.diagnose import base_model
-from drivetool.check.instants import _step_shape, load_steps
-from drivetool.check.scan import HIGHEST, LINES, _add_orders, disturbance_response, likely_orders, steady_filter
+from drivetool.check.fit import scan
+from drivetool.check.fit.instants import _step_shape, load_steps
+from drivetool.check.fit.model import from_start
+from drivetool.check.fit.scan import (
+    HIGHEST,
+    LINES,
+    _asked_for,
+    _left_by,
+    _over_angle,
+    disturbance_response,
+    likely_orders,
+    steady_filter,
+)
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import roles_of
@@ -107,25 +117,39 @@ def test_a_ripple_at_a_third_of_the_sampling_rate_is_looked_for():
                           white_noise(size, 1e-3 * machine.rated_torque, 1)).speeds[:, 0]
     record = experiment(torque, speed + white_noise(size, 1e-4 * np.abs(speed).max(), 2))
     drive = drive_like(machine, list(FREE))
-    base = base_model(Task(drive, FREE, roles_of([record], drive), (record,)))
+    base = from_start(Task(drive, FREE, roles_of([record], drive), (record,)))
     way = np.ptp(np.cumsum(speed) * STEP)
     assert abs(likely_orders(base)[0] - order) < 2.0 * np.pi / way
 
 
-def test_the_score_of_an_order_is_what_its_shape_explains():
-    """Sample by sample, forwards and backwards: the response is conjugate there, and none where it is too fast."""
-    rng, grid = np.random.default_rng(1), np.array([2.0, 2.5, 3.0, 3.5])
-    e, rate = rng.normal(size=60), rng.normal(0.0, 500.0, 60)
-    angle, response = np.cumsum(rate), rng.normal(size=LINES) + 1j * rng.normal(size=LINES)
-    upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
-    _add_orders(grid, e, angle, rate, response, upper, lower)
-    for k, order in enumerate(grid):
-        line = np.rint(order * np.abs(rate)).astype(int)
-        own = [0.0 if not 0 < n <= LINES else response[n - 1] if r > 0.0 else response[n - 1].conjugate()
-               for n, r in zip(line, rate, strict=True)]
-        assert 0 < sum(n > LINES for n in line) < len(line)
-        assert upper[k] == pytest.approx(sum(e * own * np.exp(1j * order * angle)), rel=1e-9)
-        assert lower[k] == pytest.approx(np.sum(np.abs(own) ** 2), rel=1e-12)
+@pytest.mark.parametrize("turning", [1.0, -1.0])
+def test_the_score_of_an_order_is_what_its_shape_explains(turning):
+    """What a torque of an order leaves, projected sample by sample; backwards the response is conjugate."""
+    rng, size, step = np.random.default_rng(1), 3000, 1e-3
+    lines = np.linspace(0.0, HIGHEST / step, LINES + 1)[1:]
+    # A low-pass of 8 ms, in closed form: its memory is short against the record.
+    keep = np.exp(-1.0 / 8.0)
+    response = ((1.0 - keep) / (1.0 - keep * np.exp(-2j * np.pi * lines * step)))[:, None]
+    e = lfilter([1.0], [1.0, -0.9], rng.normal(size=size))  # hardly anything of it is faster than a ripple
+    angle = turning * (np.cumsum(20.0 + 10.0 * np.sin(0.004 * np.arange(size))) * step + 0.3)
+    reach = np.ptp(angle)
+    asked = _over_angle(_asked_for(e[:, None], response, lines, step), angle, reach)
+    place = angle - angle.min()
+    for k in (8, 13, 40):
+        order = k * np.pi / reach
+        left = lfilter([1.0 - keep], [1.0, -keep], np.exp(1j * order * place))
+        assert asked[k] == pytest.approx(e @ left, abs=0.3), k  # of about a hundred
+
+
+def test_what_an_order_leaves_is_the_response_at_its_frequency_and_nothing_beyond_the_last_line():
+    """A motor at 100 Hz backwards and at 200 Hz: the faster one is past all lines from an order of ten on."""
+    lines = np.arange(1.0, LINES + 1.0)
+    response = np.array([0.6, 0.8j]) / (1.0 + 1j * lines / 300.0)[:, None]
+    speed = 2.0 * np.pi * np.repeat([-100.0, 200.0], (300, 500))
+    grid = np.array([0.5, 1.5, 9.5, 12.0, 25.0])
+    hertz = np.outer(grid, [100.0, 200.0])
+    expected = np.where(hertz < LINES, 1.0 / (1.0 + (hertz / 300.0) ** 2), 0.0) @ [300.0, 500.0]
+    np.testing.assert_allclose(_left_by(grid, speed, response, lines), expected, rtol=0.01)
 
 
 def test_a_motor_that_shakes_faster_than_a_ripple_is_followed_has_none(monkeypatch):

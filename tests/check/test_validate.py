@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.remarks import of_ranking
-from drivetool.check.validate import validate
-from drivetool.check.validation import ValidateOptions
+from drivetool.check.validation.remarks import of_ranking
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.validate import validate
 from drivetool.cli import main
 from drivetool.drive.chain import one_body, two_mass, vehicle
 from drivetool.errors import BadOption, BadParameters, NotEnoughData

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from drivetool.check.correlation import block_length, correlate, lag_count, thinned, whiteness
+from drivetool.check.validation.correlation import block_length, correlate, lag_count, thinned, whiteness
 
 STEP = 0.01
 

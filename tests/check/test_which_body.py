@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.model import at_rest, everything, from_start
-from drivetool.check.which_body import untold_bodies
+from drivetool.check.fit.model import from_start
+from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import three_mass, two_mass
 from drivetool.identify.engine import Task
 from drivetool.identify.setup import roles_of
@@ -36,11 +36,10 @@ def test_the_motor_alone_does_not_tell_whose_drag_it_is(told, roles, found):
     record = replace(record, signals={r: record.signals[r] for r in ("motor_torque", *roles)})
     drive = two_mass().with_values({n: v for n, v in plain.items() if n in two_mass().quantities})
     task = Task(drive, tuple(n for n in drive.quantities if n in plain), roles_of([record], drive), (record,))
-    masks = everything(task.problem())
     name = f"{owner}.drag"
     free = tuple(n for n in drive.quantities if n in {*task.free, name})
-    model = at_rest(from_start(replace(task, drive=drive.with_values({name: value}), free=free)), masks)
-    search = SimpleNamespace(model=replace(model, code="quadratic-drag"), masks=masks,
+    model = from_start(replace(task, drive=drive.with_values({name: value}), free=free))
+    search = SimpleNamespace(model=replace(model, code="quadratic-drag"),
                              found=SimpleNamespace(causes=["quadratic-drag"], added={"quadratic-drag": (name,)}))
     notes = untold_bodies(search)
     assert [f.code for f in notes] == ["body-not-told"] * found
@@ -58,9 +57,8 @@ def test_of_a_chain_the_likeliest_other_body_is_named():
     drive = three_mass().with_values({**TRUE, "gear.drag": 0.02})
     free = tuple(n for n in drive.quantities if n in {*TRUE, "gear.drag"})
     task = Task(drive, free, roles_of([record], drive), (record,))
-    masks = everything(task.problem())
-    model = replace(at_rest(from_start(task), masks), code="quadratic-drag")
-    search = SimpleNamespace(model=model, masks=masks, found=SimpleNamespace(
+    model = replace(from_start(task), code="quadratic-drag")
+    search = SimpleNamespace(model=model, found=SimpleNamespace(
         causes=["quadratic-drag"], added={"quadratic-drag": ("gear.drag",)}))
     (note,) = untold_bodies(search)
     assert note.code == "body-not-told" and "gear.drag" in note.text

@@ -237,7 +237,7 @@ def test_wrong_words_give_one_clear_sentence(folder, call, words, code, message)
 
 
 def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
-    from drivetool.check import validation
+    from drivetool.check.validation import result as validation
 
     seen = {}
 
@@ -253,7 +253,8 @@ def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
     if not hasattr(validation, "ValidateOptions"):
         fields = ["min_fit", "max_correlation", "seed"]
         monkeypatch.setattr(validation, "ValidateOptions", make_dataclass("O", fields), raising=False)
-    monkeypatch.setitem(sys.modules, "drivetool.check.validate", types.SimpleNamespace(validate=validate))
+    monkeypatch.setitem(
+        sys.modules, "drivetool.check.validation.validate", types.SimpleNamespace(validate=validate))
     (folder / "b.yaml").write_text(HAND + "noise: {torque_std: 1.5}\n")
     words = ["validate", "steps.parquet", "-p", "hand.yaml", "-p", "b.yaml", "-o", "v.yaml"]
     assert call(*words)[0] == 0

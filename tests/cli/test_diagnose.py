@@ -305,14 +305,15 @@ def test_nothing_is_left_when_the_page_cannot_be_written(folder, asked, call, mo
 
 
 def test_validate_says_when_to_diagnose(folder, call, monkeypatch):
-    from drivetool.check import validation
+    from drivetool.check.validation import result as validation
 
     finding = Finding("warning", "residual-depends-on-input", "It does.")
 
     def validate(experiments, models, options, **_):
         return validation.Validation((), "passed", (finding,) if options.seed == 1 else ())
 
-    monkeypatch.setitem(sys.modules, "drivetool.check.validate", types.SimpleNamespace(validate=validate))
+    monkeypatch.setitem(
+        sys.modules, "drivetool.check.validation.validate", types.SimpleNamespace(validate=validate))
     words = ["validate", "a.parquet", "-p", "base.yaml", "-o", "v.yaml"]
     hint = "run diagnose: drivetool diagnose a.parquet --params base.yaml\n"
     assert hint in call(*words)[2] and hint not in call(*words, "--seed", 2)[2]

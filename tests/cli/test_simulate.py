@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from drivetool.check.causes import CAUSES, chosen_causes, told_sizes
-from drivetool.check.model_run import run_model
+from drivetool.check.report.model_run import run_model
 from drivetool.drive.chain import one_body, three_mass, two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption, BadParameters

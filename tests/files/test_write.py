@@ -13,7 +13,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from drivetool.check.validation import RecordCheck, Validation
+from drivetool.check.validation.result import RecordCheck, Validation
 from drivetool.drive.chain import two_mass
 from drivetool.errors import BadOption, CannotWrite, Finding
 from drivetool.files import plots, schema, tables, write

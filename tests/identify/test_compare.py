@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.validate import validate
-from drivetool.check.validation import ValidateOptions
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.validate import validate
 from drivetool.drive.chain import two_mass
 from drivetool.errors import BadOption, NotEnoughData
 from drivetool.files.parameter_file import load_parameters

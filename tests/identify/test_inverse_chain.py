@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivetool.check.validate_torque import validate_torque
-from drivetool.check.validation import ValidateOptions
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.validate_torque import validate_torque
 from drivetool.drive.chain import two_mass
 from drivetool.errors import NotEnoughData
 from drivetool.identify.greybox import greybox

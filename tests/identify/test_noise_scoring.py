@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.model import everything, judge
+from drivetool.check.fit.model import everything, judge
 from drivetool.drive.simulate import Filtered, Gains
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood

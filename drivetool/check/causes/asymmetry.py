@@ -8,7 +8,7 @@ from drivetool.check.causes.cause import Bounds, Cause, Start
 from drivetool.check.causes.starts import largest_torque, motion, on_any_body
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
     from drivetool.identify.engine import Task
 
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
 
 HARDLY = 0.01  # of the twist that the torque makes: a gap of which there is hardly any
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.scan import half_gaps
+    from drivetool.check.fit.scan import half_gaps
 
     found = []
     for shaft in base.task.drive.shafts:
@@ -32,9 +33,9 @@ def _hardly_open(base: Model) -> Start:
 
 
 def _ends(base: Model, masks: Masks) -> Sequence[Model]:
-    from drivetool.check.rattle import rattles
+    from drivetool.check.report.rattle import rattles
 
-    return rattles(base, masks)
+    return [replace(m, code="backlash") for m in rattles(base, masks)]
 
 
 CAUSES = (Cause(

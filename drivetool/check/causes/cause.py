@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
     from drivetool.identify.engine import Task
 
 Bounds = Mapping[str, tuple[float, float]]  # parameter -> lowest and highest value
@@ -19,13 +19,11 @@ class Start:
     """Where the fit of a cause starts: the task with all that is free, and what is worth a first step.
 
     amplitudes  of the free names, those whose first guess a linear step gives
-    steps       of its first fit; more where that begins far from the base
     quiet       the base under a quieter noise, where the fit is to begin; None: it begins under the base's
     """
 
     task: Task
     amplitudes: tuple[str, ...]
-    steps: int = 5
     quiet: Model | None = None
 
 
@@ -58,6 +56,7 @@ class Cause:
     searched     suffixes of parameters of which the whole record was looked at, each at a price in evidence
     event        whether parts of a record see it unequally
     power        power of a gear by which a value behind it counts less, of a law that any body may have; 0: none
+    costly       whether its starts cost fits: looked for where nothing else explains the records
     rough        whether its likelihood has many valleys, all of which are followed
     ends         (base, samples) -> ends of fits by a search of its own, the likeliest first
     refined      (model with it, base, samples) -> the same with what only a finished fit can tell
@@ -90,6 +89,7 @@ class Cause:
     searched: tuple[str, ...] = ()
     event: bool = False
     power: int = 0
+    costly: bool = False
     rough: bool = False
     ends: Callable[[Model, Masks], Sequence[Model]] | None = None
     refined: Callable[[Model, Model, Masks], Model] | None = None

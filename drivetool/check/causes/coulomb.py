@@ -9,7 +9,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, bodies_without, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 SMALL, SOME = 1e-6, 0.03  # of the torque's spread, to start from
 

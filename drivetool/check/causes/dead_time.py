@@ -8,7 +8,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import LATE, added, hardly_late, likeliest, present
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 NAME = "converter.dead_time"
 

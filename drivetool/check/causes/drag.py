@@ -8,7 +8,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import on_any_body
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 
 def _starts(base: Model) -> list[Start]:

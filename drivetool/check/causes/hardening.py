@@ -8,7 +8,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 POWERS = (2.0, 1.0)  # of the twist, to start from
 

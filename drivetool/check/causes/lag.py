@@ -10,7 +10,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, hardly_late, no_faster, of_lag, present, traceless
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
     from drivetool.identify.engine import Task
 
 ORDERS = (1.0, 2.0)
@@ -37,7 +37,7 @@ def _damped(owner: str) -> Callable[[Model, Model, Masks], Model]:
     Free from the start, it would make a lag of first order one of second order with two bandwidths.
     """
     def refined(model: Model, base: Model, masks: Masks) -> Model:
-        from drivetool.check.hypothesis import refitted
+        from drivetool.check.search.attempt import refitted
 
         bandwidth, order, damping = (f"{owner}.{what}" for what in ("bandwidth", "order", "damping"))
         drive = model.task.drive

@@ -11,7 +11,7 @@ from drivetool.check.causes.starts import added, new_values, present, travel
 from drivetool.drive.effects.ripple import KINDS, RIPPLES
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Masks, Model
+    from drivetool.check.fit.model import Masks, Model
 
 CHANCE = 1e-3  # share of records without a further order in which one may be taken for it
 NEAR = 0.02  # relative difference below which two orders are one that beats
@@ -19,7 +19,7 @@ ORDER = ".ripple_order"
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.scan import likely_orders
+    from drivetool.check.fit.scan import likely_orders
 
     body = base.task.drive.bodies[0]
     if any(present(base, f"{body}.ripple_{kind}") for kind in ("sine", "cosine")):
@@ -41,21 +41,24 @@ def _unrepeated(model: Model, base: Model) -> str:
 
 def _with_another_order(model: Model, masks: Masks) -> Model | None:
     """Cogging, slots and screws seldom leave one order alone."""
-    from drivetool.check.heldout import unlikely
-    from drivetool.check.hypothesis import TRIFLE, begin
-    from drivetool.check.model import BROKEN, fit
-    from drivetool.check.scan import likely_orders
+    from drivetool.check.fit.heldout import unlikely
+    from drivetool.check.fit.model import BROKEN, fit
+    from drivetool.check.fit.scan import likely_orders
+    from drivetool.check.search.attempt import TRIFLE
+    from drivetool.check.search.begin import begin, stand_at
 
     body, values = model.task.drive.bodies[0], model.fitted.drive.values
     unused = [r for r in RIPPLES if not present(model, f"{body}.{r}_sine")]
     known = np.array([values[f"{body}.{r}_order"] for r in RIPPLES if f"{body}.{r}_order" in model.task.free])
     try:
-        begun = [begin(model, _with_order(model, unused[0], order), masks) for order in likely_orders(model)
-                 if np.all(np.abs(order / known - 1.0) > NEAR)] if unused else []
+        stand = stand_at(model)
+        orders = [order for order in likely_orders(model) if np.all(np.abs(order / known - 1.0) > NEAR)]
+        begun = [begin(stand, CAUSES[0], _with_order(model, unused[0], order), masks)
+                 for order in (orders if unused else ())]
         best = max(begun, key=lambda b: b.promise, default=None)
         if best is None or best.promise < TRIFLE:
             return None
-        more = fit(model.code, best.start.task, best.problem, best.point, model.noise, masks)
+        more = fit(best.ready(masks), masks)
     except BROKEN:  # what was found before that stands
         return None
     return more if unlikely(model.value - more.value, len(KINDS)) > np.log(1.0 / CHANCE) else None

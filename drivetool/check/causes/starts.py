@@ -11,7 +11,7 @@ import numpy as np
 from drivetool.check.causes.cause import Bounds, Start
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
     from drivetool.identify.engine import Task
 
 FAST = 0.03  # samples: a lag that is shorter leaves no trace
@@ -99,12 +99,14 @@ def on_any_body(base: Model, suffix: str) -> list[Start]:
 
 def likeliest(base: Model, starts: Sequence[Start]) -> list[Start]:
     """Of starts that differ in one value, the one under which the records are likeliest, all else held."""
-    from drivetool.check.structure import carried
+    from drivetool.check.fit.structure import carried
     from drivetool.identify.noise import filtered, minus_log_likelihood
     from drivetool.identify.problem import Point
+    from drivetool.identify.setup import problem_of
 
     def loss(start: Start) -> float:
-        problem = replace(start.task, free=()).problem()
+        task = start.task
+        problem = problem_of(task.drive, (), task.roles, base.problem.traces)
         point = Point(np.empty(0), carried(base, start.task, problem).starts)
         return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
     return [min(starts, key=loss)]

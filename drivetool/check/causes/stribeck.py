@@ -10,7 +10,7 @@ from drivetool.check.causes.cause import Bounds, Cause, Start
 from drivetool.check.causes.starts import added, bodies_without, motion, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
     from drivetool.identify.engine import Task
 
 SMALL = 1e-6  # of the torque's spread, to start from

@@ -11,31 +11,33 @@ from drivetool.check.causes.cause import Bounds, Cause, Start
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
     from drivetool.identify.engine import Task
 
 QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
 HIDING = 20.0  # log likelihood that so quiet a noise must cost, for a louder one to hide anything
 FAR = 10.0  # by which inertia, stiffness and damping may leave their start
 LIGHTEST = 0.002  # damping ratio below which none falls: it would ring through the record, and steel does not
-STEPS = 10  # of a first fit, which begins far from the base
+ROUNDS = 3  # of a fit of the base under the quieter noise
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.model import everything, fit
-    from drivetool.check.structure import may_have_tip
+    from drivetool.check.fit.model import everything, fit, judge
+    from drivetool.check.fit.structure import may_have_tip
 
     if not may_have_tip(base.task.drive):
         return []
     # A resonance that the base lacks may pass for torque noise, under which a third mass gains nothing any more.
-    noise = replace(base.noise, ratio=QUIETER * base.noise.ratio)
-    quiet = fit("base", base.task, base.problem, base.point, noise, everything(base.problem), rounds=3, renew=False)
+    masks, noise = everything(base.problem), replace(base.noise, ratio=QUIETER * base.noise.ratio)
+    quiet = replace(base, noise=noise, value=judge(base.problem, base.point, noise, masks))
+    if quiet.value > base.value + HIDING:
+        quiet = fit(quiet, masks, most=ROUNDS, renewed=False)
     unheard = [] if quiet.value < base.value + HIDING else _likely(quiet)
-    return [Start(task, (), STEPS) for task in _likely(base)] + [Start(task, (), STEPS, quiet) for task in unheard]
+    return [Start(task, ()) for task in _likely(base)] + [Start(task, (), quiet) for task in unheard]
 
 
 def _likely(base: Model) -> list[Task]:
-    from drivetool.check.scan import likely_large_tips, likely_middles, likely_tips
+    from drivetool.check.fit.scan import likely_large_tips, likely_middles, likely_tips
 
     return [*likely_tips(base), *likely_large_tips(base), *likely_middles(base)]
 
@@ -45,7 +47,7 @@ def _bounds(base: Model, task: Task) -> Bounds:
 
     It is looked for damped, and may be so less.
     """
-    from drivetool.check.structure import third_of
+    from drivetool.check.fit.structure import third_of
     from drivetool.identify.third_mass import tip_names
 
     if task.drive.bodies == base.task.drive.bodies:
@@ -66,5 +68,5 @@ CAUSES = (Cause(
     "Part of the load swings on a shaft or coupling of its own: there is one resonance more than the model had.",
     "Look for the next coupling or a soft mounting; a sensor at the load shows it best.", of="the chain",
     law="a further inertia behind a further shaft", absent=_absent,
-    starts=_starts, sizes=("inertia", "stiffness", "damping"), bodies=2, bounds=_bounds,
+    starts=_starts, costly=True, sizes=("inertia", "stiffness", "damping"), bodies=2, bounds=_bounds,
     needs="excitation around its resonance; a sensor at the load shows it best"),)

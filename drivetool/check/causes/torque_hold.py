@@ -10,7 +10,7 @@ from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added, likeliest, present
 
 if TYPE_CHECKING:
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 NAME = "converter.interpolation"
 EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques

@@ -10,7 +10,7 @@ from drivetool.drive.effects.idle_torque import EFFECT
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
-    from drivetool.check.model import Model
+    from drivetool.check.fit.model import Model
 
 
 def _starts(base: Model) -> list[Start]:

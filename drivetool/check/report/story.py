@@ -1,0 +1,155 @@
+"""From the rounds of a search to what a person reads: results per cause, verdict, estimate, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.check.causes import CAUSES
+from drivetool.check.causes.starts import torque_size
+from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.between_records import finding_of, told_apart
+from drivetool.check.report.exhibits import exhibits_of
+from drivetool.check.report.hum import hum
+from drivetool.check.report.judgement import WORSE, changing, judged, spoils
+from drivetool.check.report.model_run import run_model
+from drivetool.check.report.rattle import confirmed
+from drivetool.check.report.sentence import experiment_of, sentence_of
+from drivetool.check.report.view import view_of
+from drivetool.check.report.which_body import untold_bodies
+from drivetool.drive.chain import Drive
+from drivetool.errors import DriveToolError, Finding
+from drivetool.identify.compose import compose
+from drivetool.identify.engine import Outcome, Task, free_run
+from drivetool.identify.estimate import Estimate, Exhibit
+from drivetool.identify.innovations import Fit, fit_innovations, settle
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
+from drivetool.identify.problem import Point, Problem
+from drivetool.identify.uncrossed import all_uncrossed, from_below
+
+if TYPE_CHECKING:
+    from drivetool.check.search.result import Searched
+
+SHOWN = 3.0  # standard deviations from which a parameter of the base is one
+SETTLED = 5.0  # log likelihood by which the last fit may still move
+SLOWER = 0.7  # of the rate at which torque noise forgets
+FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
+
+
+def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis:
+    """The diagnosis of a finished search."""
+    gain, estimate = search.total_gain(), estimate_of(search, before, options)
+    share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
+    found = judged(search, estimate, gain, share)
+    if search.found.causes and spoils(gain):
+        search = search.given_up()
+        gain, estimate = search.total_gain(), estimate_of(search, before, options)
+    if UNLISTED in found.between:
+        search = replace(search, rounds=tuple(
+            _doubting(one, one.cause) if one.cause in found.between else one for one in search.rounds))
+    task, causes = search.model.task, tuple(search.found.causes)
+    hums = hum(search.whole, gain.unit) if found.doubt or found.verdict == "unexplained" else []
+    experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
+                               found.doubt, bool(causes))
+    sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
+                           estimate.fit.get("rmse", np.inf), found.doubt, in_the_base(search.rounds, estimate))
+    said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *untold_bodies(search), *hums)
+    if search.change is not None:
+        said = (*said, finding_of(search.change, search.model))
+        if found.verdict in ("unexplained", "nothing-found") and not causes:
+            found, experiment = replace(found, verdict="unexplained"), said[-1].action
+            sentence = told_apart(search.change, search.model)
+    lost = found.verdict == "unexplained"
+    return Diagnosis(
+        replace(estimate, findings=(*said, *(_as_told(f, search.faults) for f in estimate.findings)),
+                outcome=sentence), found.verdict,
+        tuple(dict.fromkeys(f.code for f in search.faults)) if lost else found.causes,
+        found.between if found.verdict == "undetermined" else (), experiment,
+        dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
+        causes if lost else ())
+
+
+def _as_told(finding: Finding, faults: Sequence[Fault]) -> Finding:
+    """A finding of the last fit: after a diagnosis it cannot send the user to one."""
+    if finding.code != "innovations-correlated":
+        return finding
+    if "quantisation" in {f.code for f in faults}:
+        return replace(finding, severity="note", action="",
+                       text="One-step errors are still correlated, as the steps of the logger make them.")
+    return replace(finding, action="What is left has no name in the catalogue.")
+
+
+def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
+    """The causes that the drive had before the first round, of a size that the records tell from none."""
+    shown = tuple(p for p in estimate.parameters if p.std and abs(p.value) > SHOWN * p.std)
+    had = [c.code for c in rounds[0].candidates if c.state == "in-the-model"] if rounds else []
+    # An idle torque that the base has is its own, and no offset of a sensor.
+    return [c for c in had if c != "torque-offset" and any(CAUSES[c].has(p.name) for p in shown)]
+
+
+def _doubting(one: Round, code: str) -> Round:
+    """A round in which a cause is not named any more."""
+    return replace(one, candidates=tuple(
+        replace(c, state="possible") if c.code == code and c.state == "named" else c for c in one.candidates))
+
+
+def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Estimate:
+    """The last model as an estimate: settled, with intervals, over the records it was fitted to."""
+    model, train = search.model, search.train
+    task = replace(model.fitted, experiments=train)
+    stretches = sum(1 for e in train for a, b in e.segments if b - a >= 10)
+    problem = replace(model.problem, traces=model.problem.traces[:stretches])
+    point = Point(model.point.values, model.point.starts[:stretches])
+    fit, settled = _fitted(problem, point, model.noise, FEW)
+    if not settled:
+        fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
+    if _slower(fit.noise, model.noise) and (_run_error(task, problem, fit.point, fit.noise)
+                                            > (1.0 + WORSE) * _run_error(task, problem, point, model.noise)):
+        fit, settled = _fitted(problem, point, model.noise, 1)
+    outcome = confirmed(Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled))
+    outcome, least = all_uncrossed(outcome)
+    start = replace(task.drive, values={**task.drive.values, **before.values})
+    estimate = compose("diagnose", start, outcome)
+    for name, low in least.items():
+        estimate = from_below(estimate, name, low)
+    return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
+                                      "seed": options.seed})
+
+
+def _slower(noise: Noise, before: Noise) -> bool:
+    """Whether the torque noise came to wander much more slowly: single steps may then need no friction any more."""
+    return (noise.memory is not None and before.memory is not None
+            and 1.0 - noise.memory < SLOWER * (1.0 - before.memory))
+
+
+def _run_error(task: Task, problem: Problem, point: Point, noise: Noise) -> float:
+    """Rms error of free runs over the records, from the first output."""
+    _, _, runs = free_run(task.at_point(point), problem.traces, noise, point.starts)
+    errors = [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, problem.traces, strict=True)]
+    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+
+
+def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fit, bool]:
+    """(the fit after some rounds from a point, whether it has settled)."""
+    fit = settle(problem, fit_innovations(problem, point, noise, most=most))
+    before = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+    return fit, fit.converged or fit.gain < SETTLED or abs(fit.value - before) < SETTLED
+
+
+def _exhibits(search: Searched, before: Drive, gain: Gain) -> tuple[Exhibit, ...]:
+    """The pictures; without them where a free run cannot be had."""
+    views = []
+    after = search.model.fitted.drive
+    base = search.first.model.fitted.drive
+    for e in search.split.experiments:
+        try:
+            views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
+        except DriveToolError:
+            continue
+    return exhibits_of(views, before.referred_inertia, search.rounds, gain.noise_floor) if views else ()
+
+

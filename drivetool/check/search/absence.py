@@ -1,0 +1,43 @@
+"""Why a cause is not to be looked for in a record."""
+
+from __future__ import annotations
+
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.starts import present
+from drivetool.check.diagnosis import State
+from drivetool.check.fit.model import Model
+from drivetool.drive.effects import EFFECTS, Effect
+
+
+def why_absent(cause: Cause, base: Model) -> tuple[State, str]:
+    """Why a cause has no starts: the model has it, or this drive or record cannot show it."""
+    if cause.absent is not None:
+        return cause.absent(base)
+    effect, drive = _effect(cause), base.task.drive
+    owners = {"motor": drive.bodies[:1], "load": drive.bodies[1:]}.get(cause.end)
+    names = [n for n in drive.quantities if effect is not None and n.rpartition(".")[2] in effect.present
+             and (owners is None or n.rpartition(".")[0] in owners)]
+    if any(present(base, n) for n in names):
+        return "in-the-model", "it is part of the model already"
+    return "not-shown", needed(cause)
+
+
+def needed(cause: Cause) -> str:
+    """What a record must contain to show a cause, after one that does not."""
+    return f"this drive or record cannot show it; needed: {needs_of(cause)}"
+
+
+def needs_of(cause: Cause) -> str:
+    """What a record must contain to show a cause."""
+    effect = _effect(cause)
+    return cause.needs if effect is None else effect.needs
+
+
+def law_of(cause: Cause) -> str:
+    """The equation of a cause in the words of the field."""
+    effect = _effect(cause)
+    return cause.law if effect is None else effect.law
+
+
+def _effect(cause: Cause) -> Effect | None:
+    return next((e for e in EFFECTS if e.code == cause.effect), None)

@@ -1,0 +1,72 @@
+"""Causes that samples held out speak against, whatever single steps say."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.check.diagnosis import Gain
+from drivetool.check.fit.heldout import Score, in_one_place, total_evidence
+from drivetool.check.fit.model import everything
+from drivetool.check.fit.remainder import faked, is_coarse
+from drivetool.check.fit.samples import Split
+from drivetool.check.search.decide import Decision
+from drivetool.check.search.result import Base, gain_between
+
+SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter
+LITTLE = 0.2  # of what was gained before, below which a cause may make up for an inexact law
+DOUBLED = 2.0  # of that error, beyond twice its scatter, from which it is no law, however likely steps become
+RUINED = 10.0  # the same, whatever its scatter
+AGAINST = "free runs over data held out become worse with it"
+ONE_PLACE = "nearly all that it gains on data held out lies in one place"
+FAKED = 0.5  # of what a cause gains, that it may gain on records of the base logged in the same steps
+STEPS = "the steps of the logger would show as much"
+
+
+def against(decision: Decision, scores: Sequence[Score], base: Base, split: Split, gained: float, budget: float,
+            wanted: Collection[str]) -> tuple[Decision, Gain | None, dict[str, str]]:
+    """(the decision without causes that data held out speak against, gain of the best, those and why).
+
+    A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one place
+    only, makes up for what they are not exact in; one that records made up without it show as well makes up for the
+    steps of the logger. What ties with it must then be found by itself.
+
+    gained  log likelihood by what was found before; wanted: the causes that may be named
+    """
+    said: dict[str, str] = {}
+    tied = [s for s in scores if s.model.code in decision.between]
+    # One that was asked for first, where that is as good as one that was not.
+    for s in sorted(tied, key=lambda s: (s.model.code not in wanted, -s.gain)):
+        if said and total_evidence([s], gained) < np.log(1.0 / budget):
+            continue
+        stage = gain_between(base, s.trained, split, gained + s.gain)
+        why = _why_not(s, stage, base, gained)
+        if not why:
+            between = tuple(c for c in decision.between if c not in said)
+            return replace(decision, best=s, between=between), stage, said
+        said[s.model.code] = why
+    return replace(decision, best=None, between=()), None, said
+
+
+def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:
+    """Why a cause that is likelier is none; empty: it may be one."""
+    change = stage.held_out_rmse_after - stage.held_out_rmse_before
+    if is_coarse(base.model) and (-change < stage.rmse_bar or faked(
+            base.model, s.model, everything(base.model.problem)) > FAKED * s.lead):
+        return STEPS
+    if (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
+            or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_bar)):
+        return AGAINST
+    if s.gain >= LITTLE * gained:
+        return ""
+    if runs_worse(stage):
+        return AGAINST
+    return ONE_PLACE if in_one_place(s, base.model) else ""
+
+
+def runs_worse(stage: Gain) -> bool:
+    """Whether free runs over data held out become worse beyond their scatter."""
+    return (stage.held_out_rmse_after - stage.held_out_rmse_before
+            > max(SPOILT * stage.held_out_rmse_before, stage.rmse_bar))

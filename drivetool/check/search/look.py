@@ -1,0 +1,42 @@
+"""A whole search: from the base to what is handed to the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.remainder import remainder
+from drivetool.check.search.beside import Asked, asked_beside
+from drivetool.check.search.pairs import doubtful, together
+from drivetool.check.search.result import Base, Found, Searched
+from drivetool.check.search.search import Expansion, Search
+from drivetool.errors import Finding
+from drivetool.logs.experiment import Experiment
+
+
+def look(search: Search, first: Base, faults: Sequence[Fault], notes: Sequence[Finding],
+         train: Sequence[Experiment]) -> Searched:
+    """Search, ask each cause again beside the others, and begin with a rough cause where that ends in doubt.
+
+    first   base that gains are stated over
+    faults  of the records; train: records that are fitted to
+    """
+    path, unasked = search.path()
+    result = _ended(search, path, unasked, (first, faults, notes, train))
+    if path and doubtful(result):
+        other = together(search, path)
+        result = result if other is None else _ended(search, *other, (first, faults, notes, train))
+    return replace(result, change=change_between(result.whole, result.folds))
+
+
+def _ended(search: Search, path: Sequence[Expansion], unasked: str,
+           given: tuple[Base, Sequence[Fault], Sequence[Finding], Sequence[Experiment]]) -> Searched:
+    """What a path amounts to."""
+    first, faults, notes, train = given
+    asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
+    whole = search.whole(asked.node.model)
+    return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), first,
+                    search.base(search.root.model), asked.node.model, whole, asked.node.trained, asked.found,
+                    asked.rounds, remainder(whole, search.split.held), unasked)

@@ -1,0 +1,135 @@
+"""What a search hands over: the causes found, what rivals them, and the models that the verdict is about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
+from drivetool.check.faults.preflight import Fault
+from drivetool.check.fit.between_records import Change
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.forecast import forecast, gain_of, unexplained_percent
+from drivetool.check.fit.heldout import Fold
+from drivetool.check.fit.model import Model, sensor_std
+from drivetool.check.fit.remainder import Remainder, remainder
+from drivetool.check.fit.samples import Split
+from drivetool.errors import Finding
+from drivetool.identify.setup import traces_of
+from drivetool.logs.experiment import Experiment
+
+LEFT, LITTLE = 0.15, 10.0  # of the gain, and log likelihood, that may be left over for a name to be trusted
+
+
+@dataclass(frozen=True)
+class Found:
+    """The causes found.
+
+    causes    codes in the order found
+    rivals    cause -> what explains the records as well, beside the others
+    evidence  cause -> log10 of the evidence
+    added     cause -> names of the parameters that it freed
+    gained    log likelihood by all of them on data held out
+    sure      causes that data held out tell by blocks
+    """
+
+    causes: tuple[str, ...] = ()
+    rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    added: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    gained: float = 0.0
+    sure: frozenset[str] = frozenset()
+
+    @property
+    def between(self) -> tuple[str, ...]:
+        """The causes that have rivals, and those, in the order found."""
+        return tuple(dict.fromkeys(c for code in self.causes for c in (code, *self.rivals.get(code, ()))
+                                   if self.rivals.get(code)))
+
+
+@dataclass(frozen=True)
+class Base:
+    """The drive without causes: the model over all training samples, the folds, and what trained in them."""
+
+    model: Model
+    folds: tuple[Fold, ...]
+
+    @property
+    def trained(self) -> tuple[Model, ...]:
+        """Per fold the model."""
+        return tuple(f.trained for f in self.folds)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The end of a search.
+
+    first    base that gains are stated over; origin: that the search began with
+    model    the last one, over the training samples; whole: over all records
+    trained  per fold the last model
+    rounds   what was tried and found
+    left     what the last model leaves
+    unasked  what explains the records but was not to be looked for
+    change   what records held out ask for
+    """
+
+    split: Split
+    options: DiagnoseOptions
+    faults: tuple[Fault, ...]
+    notes: tuple[Finding, ...]
+    train: tuple[Experiment, ...]
+    first: Base
+    origin: Base
+    model: Model
+    whole: Model
+    trained: tuple[Model, ...]
+    found: Found
+    rounds: tuple[Round, ...]
+    left: Remainder
+    unasked: str = ""
+    change: Change | None = None
+
+    @property
+    def folds(self) -> tuple[Fold, ...]:
+        """Training and test samples."""
+        return self.first.folds
+
+    @property
+    def confident(self) -> bool:
+        """Whether little enough is left over for a name to be trusted."""
+        return self.left.total <= max(LEFT * self.found.gained, LITTLE)
+
+    def total_gain(self) -> Gain:
+        """From the first base to the last model."""
+        gain = gain_between(self.first, self.trained, self.split)
+        return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
+
+    def given_up(self) -> Searched:
+        """On the first base again: what was found spoils free runs, and is nobody's model of the machine."""
+        whole = self.first.folds[0].trained if self.split.held_out else self.first.model
+        return replace(self, model=self.first.model, whole=whole, trained=self.first.trained, found=Found(),
+                       left=remainder(whole, self.split.held))
+
+    def without(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> Searched:
+        """With records in place of those of the training, if there are findings about what they lack."""
+        if not findings:
+            return self
+        faults = (*self.faults, *(Fault(f.code, f) for f in findings))
+        task = replace(self.model.task, experiments=tuple(experiments))
+        problem = replace(self.model.problem, traces=traces_of(experiments, task.roles))
+        return replace(self, faults=faults, train=tuple(experiments),
+                       model=replace(self.model, task=task, problem=problem))
+
+
+def gain_between(before: Base, after: Sequence[Model], split: Split, gained: float = 0.0) -> Gain:
+    """The gain in free runs over held-out blocks, from a base to what was trained in its folds.
+
+    gained  log likelihood by all that was found, on data held out
+    """
+    task = before.model.task
+    motion = task.drive.motion_unit
+    unit = motion if task.roles.outputs[0].endswith("angle") else f"{motion}/s"
+    i, a, b = blocks_of(split.traces)[0]
+    return gain_of(forecast(before.trained, before.folds), forecast(after, before.folds), unit,
+                   (b - a) * split.traces[i].step, sensor_std(after[0]),
+                   unexplained_percent(gained, remainder(after[0])))

@@ -1,0 +1,97 @@
+"""What a record resolves of a cause: the standard deviation of its size while there is none of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.starts import largest_torque
+from drivetool.check.fit.linear_step import alone, linear_step
+from drivetool.check.fit.model import BROKEN, Model
+from drivetool.check.fit.structure import carried
+from drivetool.identify.noise import normal_under
+from drivetool.identify.problem import Normal, Point
+from drivetool.identify.setup import problem_of
+
+# Standard deviations at the base that an amplitude needs to be found: half their square, 18, is the lead in log
+# likelihood at which `surprise` reaches a hundred.
+VISIBLE = 6.0
+
+
+def resolved_at(base: Model, cause: Cause, each: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Size -> its standard deviation at a base; infinite of a torque that would exceed all that the motor gives.
+
+    each  of every start with amplitudes: theirs; of several speeds, orders or instants the middle one counts
+    """
+    told: dict[str, list[float]] = {}
+    for start in each:
+        for name, std in start.items():
+            told.setdefault(name, []).append(std)
+    found = {n: float(np.quantile(s, 0.5, method="lower")) for n, s in told.items()} or _traced(cause, base)
+    drive = base.task.drive
+    return {n: np.inf if drive.unit(n) == drive.torque_unit and VISIBLE * std > largest_torque(
+        base, n.rpartition(".")[0]) else std for n, std in found.items()}
+
+
+def resolved_by(cause: Cause, before: Mapping[str, float], model: Model, base: Model) -> dict[str, float]:
+    """The same under the noise that the cause leaves, once it is known.
+
+    A base that lacks a cause takes much of it for noise, and what that hides would count as not seen. A gap or a
+    delay is told from hardly any of it, in the drive that is left without.
+
+    before  what the base resolves; model: fitted with the cause
+    """
+    if not before:
+        return {}
+    try:
+        normal = normal_under(model.problem, model.point, model.noise)
+        if cause.trace is None:
+            found = _amplitudes(cause, before, model, base, normal)
+        else:
+            variance = normal.cost / max(model.problem.count - model.problem.unknowns, 1)
+            found = _traced(cause, _without(model, base), variance)
+    except BROKEN:
+        return dict(before)
+    return {n: min(was, found.get(n, was)) for n, was in before.items()}
+
+
+def _amplitudes(cause: Cause, before: Mapping[str, float], model: Model, base: Model,
+                normal: Normal) -> dict[str, float]:
+    """By the equations at the fitted model, the cause's other amplitudes zero."""
+    free, sizes = model.task.free, cause.sizes
+    own = np.array([n in before and n.rpartition(".")[2] in sizes for n in free])
+    rest = np.array([n in before or n in base.task.free for n in free]) & ~own
+    return dict(zip(free, alone(model.problem, normal, own, rest).tolist(), strict=True))
+
+
+def _without(model: Model, base: Model) -> Model:
+    """The base with the values and the noise of a model that has the cause."""
+    found = dict(zip(model.task.free, model.point.values, strict=True))
+    task = base.task.at({n: float(found[n]) for n in base.task.free if n in found})
+    values = np.array([task.drive.value(n) for n in task.free])
+    return replace(base, task=task, point=Point(values, base.point.starts), noise=model.noise)
+
+
+def _traced(cause: Cause, base: Model, variance: float | None = None) -> dict[str, float]:
+    """Name -> standard deviation of a gap or a delay, of the lag for a bandwidth, while there is hardly any.
+
+    variance  of the one-step errors over what the noise foretells; None: as the base leaves them
+    """
+    if cause.trace is None:
+        return {}
+    start = cause.trace(base)
+    task = start.task
+    problem = problem_of(task.drive, task.free, task.roles, base.problem.traces)
+    point = carried(base, task, problem)
+    try:
+        normal = normal_under(problem, point, base.noise)
+        if variance is not None:
+            normal = replace(normal, cost=variance * (problem.count - problem.unknowns))
+        _, std, _ = linear_step(problem, normal, np.ones(len(task.free), bool))
+    except BROKEN:
+        return {}
+    new = {n: j for j, n in enumerate(task.free) if n not in base.task.free}
+    return {n: float(std[j] / point.values[j] ** 2 if n.endswith(".bandwidth") else std[j]) for n, j in new.items()}

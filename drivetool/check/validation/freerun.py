@@ -1,0 +1,90 @@
+"""What limits a free run: a drift, or torque noise that decides when a gap closes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.check.validation.correlation import ALARM
+from drivetool.check.validation.replay import Replay, simulated
+from drivetool.check.validation.result import RecordCheck
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+from drivetool.identify.fit_percent import fit_percent
+from drivetool.identify.noise import with_torque_noise
+from drivetool.logs.experiment import Experiment
+
+DRAWS = 20  # runs with other torque noise
+SURE = 4.0  # standard deviations by which a drift exceeds what noise makes
+
+
+def drift(experiment: Experiment, drive: Drive, run: Replay, check: RecordCheck) -> list[Finding]:
+    """A free run of a speed whose error is mostly a ramp, steeper than noise makes it.
+
+    run, check  of whole stretches, not segments; the first output
+    """
+    if not check.output.endswith("speed"):
+        return []
+    inertia = drive.referred_inertia
+    for e in run.stretches(run.measured[:, 0] - run.simulated[:, 0]):
+        good = np.isfinite(e)
+        t, e = np.arange(len(e))[good] * experiment.step, e[good]
+        if len(e) < 50 or np.var(e) == 0.0:
+            continue
+        slope, level = np.polyfit(t, e, 1)
+        share = 1.0 - np.var(e - slope * t - level) / np.var(e)
+        torque, time = float(-slope * inertia), float(np.ptp(t))
+        if share > 0.5 and abs(torque) > SURE * _chance(run, inertia, len(e), time):
+            return [Finding(
+                "warning", "simulation-drifts",
+                f"In a free run by {check.model} the {check.output.replace('_', ' ')} of {check.file} drifts "
+                f"away by {abs(slope) * time:.3g} {check.unit} in {time:.3g} s, as an idle torque "
+                f"{abs(torque):.2g} {experiment.torque_unit} too {'low' if torque > 0.0 else 'high'} does, "
+                "or a wrong inertia under a torque of one direction.",
+                {"drift": float(slope) * time, "torque": torque, "share_of_residual": float(share)},
+                "Check friction and idle torque (steady), and whether the load was the same.")]
+    return []
+
+
+def noise_limit(run: Replay, check: RecordCheck, limit: float, seed: int) -> list[Finding]:
+    """How well the model would follow its own motion under other torque noise.
+
+    Across a gap a little noise decides when it closes: a long free run of a true model then loses
+    the motion, and its fit says little about the model. Asked only where the noise came with the
+    model and the residual speaks for it; anything else would excuse a wrong model.
+
+    limit  of the correlation of residual and input
+    """
+    doubtful = check.correlation_p < ALARM or check.max_correlation > limit
+    noisy = run.known and run.noise.ratio * run.sigma > 0.0
+    if doubtful or not noisy or not check.simulation_fit_percent < 95.0:
+        return []
+    rng, fits = np.random.default_rng(seed), []
+    clean = np.concatenate([r[:, 0] for r in simulated(run.problem, run.starts)])
+    for _ in range(DRAWS):
+        traces = tuple(with_torque_noise(
+            t, run.noise.over(run.problem.steps(t)), run.sigma, rng) for t in run.problem.traces)
+        other = np.concatenate([r[:, 0] for r in simulated(replace(run.problem, traces=traces), run.starts)])
+        fits.append(fit_percent(other + rng.normal(0.0, run.sigma, len(other)), clean))
+    low, middle, fit = float(np.min(fits)), float(np.median(fits)), check.simulation_fit_percent
+    if middle > 95.0 or fit < low:
+        return []
+    return [Finding(
+        "note", "noise-limits-the-free-run",
+        f"With the torque noise of {check.model} a free run over {check.file} cannot be foretold: a true "
+        f"model explains about {middle:.0f} % of it, {low:.0f} % at worst; this one explains {fit:.0f} %.",
+        {"simulation_fit_percent": fit, "attainable_fit_median": middle, "attainable_fit_low": low},
+        "Judge by the residual, or by shorter free runs: --segment 1.")]
+
+
+def _chance(run: Replay, inertia: float, n: int, time: float) -> float:
+    """Std of the torque that a line through the error of a true model seems to be missing.
+
+    Torque noise makes the error a random walk, whose fitted slope has 6/5 of the variance of its
+    mean slope; the sensor adds the usual 12 / (n time^2).
+    """
+    memory = run.noise.memory or 0.0
+    slow = np.sqrt((1.0 + memory) / (1.0 - memory)) if run.noise.slow is None else run.noise.slow
+    wander = run.noise.ratio * run.sigma * np.sqrt(1.2 / n) * slow
+    return float(np.hypot(wander, run.sigma * inertia * np.sqrt(12.0 / n) / time))

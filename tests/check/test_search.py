@@ -1,0 +1,300 @@
+"""The search over sets of causes: what is fitted on top of a node, what is judged, what is the next one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from drivetool.check.causes import CAUSES
+from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.fit.heldout import Score
+from drivetool.check.fit.model import Model, from_start
+from drivetool.check.fit.samples import split_of
+from drivetool.check.search import search as searching
+from drivetool.check.search.attempt import Screened, Tried
+from drivetool.check.search.beside import asked_beside
+from drivetool.check.search.decide import Decision
+from drivetool.check.search.reduce import without_them
+from drivetool.check.search.search import Expansion, Node, Search
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.recover import STEP, experiment
+from tests.simulator.effects import Effects
+from tests.simulator.experiments import multisine, trapezoids
+from tests.simulator.fast import PI, simulate_fast
+from tests.simulator.machine import Machine, at_rest
+from tests.simulator.records import white_noise
+
+
+def model_of(code, value=0.0, free=("motor.inertia",)):
+    return Model(code, SimpleNamespace(free=free, drive=two_mass()), None, None, None, value)
+
+
+ROOT = Node((), model_of("base"), ())
+
+
+class Tries:
+    """Stands in for screens and fits: cause -> (what its best start promises, what its fit gains)."""
+
+    def __init__(self, monkeypatch, causes, left=30.0):
+        self.causes, self.fitted, self.goals = causes, [], {}
+        monkeypatch.setattr(searching, "stand_at", lambda model: model)
+        monkeypatch.setattr(searching, "screen", self.screen)
+        monkeypatch.setattr(searching, "attempt", self.attempt)
+        monkeypatch.setattr(searching, "as_special_case", lambda simple, *_: simple)
+        monkeypatch.setattr(searching, "remainder", lambda _: SimpleNamespace(total=left))
+
+    def screen(self, cause, *_):
+        return Screened(cause, (SimpleNamespace(promise=self.causes[cause.code][0]),), {"x": 1.0})
+
+    def attempt(self, screened, base, masks, more=(), goal=np.inf):
+        code = screened.cause.code
+        self.fitted.append(code)
+        self.goals[code] = goal
+        return Tried(screened.cause, model_of(code, base.value - self.causes[code][1]), screened.smallest)
+
+    def tried(self, node=ROOT, asked=False):
+        """The causes on top of a node, by code."""
+        search = Search.__new__(Search)
+        search.masks, search.elsewhere = (), ()
+        found = search._tried(node, [CAUSES[c] for c in self.causes], asked, ())
+        return {t.cause.code: t for t in found}
+
+
+@pytest.mark.parametrize(("promise", "fitted"), [(251.0, True), (239.0, False)])
+def test_the_most_promising_cause_comes_first_and_others_while_they_can_tie_with_it(monkeypatch, promise, fitted):
+    """A full fit gains four times its promise at most; twenty behind is no tie."""
+    tries = Tries(monkeypatch, {"quadratic-drag": (promise, 20.0), "coulomb-motor": (400.0, 1000.0)})
+    found = tries.tried()
+    assert tries.fitted == ["coulomb-motor", *["quadratic-drag"] * fitted]
+    assert set(found) == {"quadratic-drag", "coulomb-motor"}
+    assert (found["quadratic-drag"].model is not None) == fitted
+    # What is far behind the leader after a few rounds goes no further.
+    assert tries.goals == {"coulomb-motor": np.inf, **({"quadratic-drag": -1000.0} if fitted else {})}
+
+
+@pytest.mark.parametrize(("code", "promise", "fitted"), [
+    ("quadratic-drag", 5.0, False), ("quadratic-drag", 7.0, True),
+    # The whole record was looked at for a thousand orders.
+    ("torque-ripple", 12.0, False), ("torque-ripple", 14.0, True)])
+def test_what_hardly_promises_anything_is_not_fitted_unless_it_is_asked_for(monkeypatch, code, promise, fitted):
+    tries = Tries(monkeypatch, {code: (promise, 3.0)})
+    assert (tries.tried()[code].model is not None) == fitted
+    assert tries.tried(asked=True)[code].model is not None
+
+
+@pytest.mark.parametrize(("promises", "fitted"), [
+    ((400.0, 350.0, 300.0, 110.0), 4), ((400.0, 350.0, 300.0, 90.0), 3), ((400.0, 20.0, 18.0, 16.0), 3)])
+def test_a_quarter_of_the_best_promise_is_worth_a_fit_and_the_best_three_anyhow(monkeypatch, promises, fitted):
+    codes = ("coulomb-motor", "quadratic-drag", "asymmetric-friction", "imbalance")
+    tries = Tries(monkeypatch, {c: (p, p) for c, p in zip(codes, promises, strict=True)})
+    monkeypatch.setattr(searching, "ATTAINED", 100.0)  # all of them can tie
+    tries.tried()
+    assert sorted(tries.fitted) == sorted(codes[:fitted])
+
+
+@pytest.mark.parametrize(("surplus", "fitted"), [(1.5, False), (2.5, True)])
+def test_a_law_that_promises_no_more_than_its_special_case_waits_for_that(monkeypatch, surplus, fitted):
+    tries = Tries(monkeypatch, {"coulomb-motor": (100.0, 110.0), "stribeck-motor": (100.0 + surplus, 112.0)})
+    tries.tried()
+    assert ("stribeck-motor" in tries.fitted) == fitted and "coulomb-motor" in tries.fitted
+
+
+@pytest.mark.parametrize(("left", "causes", "looked"), [
+    (0.0, {"coulomb-motor": (100.0, 110.0)}, False), (30.0, {"coulomb-motor": (100.0, 110.0)}, True),
+    (0.0, {}, True), (30.0, {}, True)])
+def test_what_costs_much_is_looked_for_where_nothing_else_explains_the_records(monkeypatch, left, causes, looked):
+    """On top of the base whatever its one-step errors say: those of a resonance may pass for noise."""
+    tries = Tries(monkeypatch, {**causes, "third-mass": (50.0, 60.0)}, left)
+    found = tries.tried()
+    assert ("third-mass" in tries.fitted) == ("third-mass" in found) == looked
+    assert tries.fitted[-1] == ("third-mass" if looked else "coulomb-motor")
+    # Beside what was found before the base itself may explain all.
+    found = Tries(monkeypatch, {"third-mass": (50.0, 60.0)}, left).tried(replace(ROOT, causes=("backlash",)))
+    assert ("third-mass" in found) == (left > 0.0)
+    assert "third-mass" in Tries(monkeypatch, {"third-mass": (50.0, 60.0)}, left).tried(
+        replace(ROOT, causes=("backlash",)), asked=True)
+
+
+def judged(monkeypatch, gains, worth):
+    """Codes that are judged on samples held out; gains: on those fitted to, worth: on those held out."""
+    asked = []
+
+    def score(model, *_):
+        asked.append(model.code)
+        return Score(model, np.full(4, worth[model.code] / 4.0), (), (), (model,))
+
+    monkeypatch.setattr(searching, "heard", lambda model, _: model)
+    monkeypatch.setattr(searching, "score", score)
+    search = Search.__new__(Search)
+    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
+        model=ROOT.model, folds=()))}
+    tried = [Tried(CAUSES[c], model_of(c, -g), {}) for c, g in gains.items()]
+    tried.append(Tried(CAUSES["imbalance"], model_of("imbalance", -9e3), {}, "none", "no-gain"))
+    return asked, search._judged(ROOT, tried)
+
+
+@pytest.mark.parametrize(("second", "worth", "expected"), [
+    (60.0, {"coulomb-motor": 90.0, "quadratic-drag": 50.0}, {"coulomb-motor", "quadratic-drag"}),
+    (40.0, {"coulomb-motor": 90.0, "quadratic-drag": 30.0}, {"coulomb-motor"}),
+    (40.0, {"coulomb-motor": -90.0, "quadratic-drag": 30.0}, {"coulomb-motor", "quadratic-drag"})],
+    ids=["it may tie", "it cannot tie", "held out samples speak against the best"])
+def test_samples_held_out_judge_the_likeliest_cause_and_what_may_tie_with_it(monkeypatch, second, worth, expected):
+    asked, scores = judged(monkeypatch, {"coulomb-motor": 100.0, "quadratic-drag": second, "load-step": 1.0}, worth)
+    assert set(asked) == expected == {s.model.code for s in scores}
+
+
+def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeypatch):
+    before = ("motor.inertia", "motor.coulomb", "load.drag")
+    node = Node(("coulomb-motor", "quadratic-drag"), model_of("quadratic-drag", -300.0, before), (),
+                {"coulomb-motor": ("motor.coulomb",), "quadratic-drag": ("load.drag",)}, 300.0)
+    model = model_of("stribeck-motor", -400.0, (*before, "motor.stribeck", "motor.stribeck_speed"))
+    monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
+    search = Search.__new__(Search)
+    search.masks = ()
+    child = search._child(node, Score(model, np.full(4, 20.0), (), (), ("trained",)))
+    assert child.causes == ("quadratic-drag", "stribeck-motor") and child.gained == 380.0
+    assert child.added == {"quadratic-drag": ("load.drag",),
+                           "stribeck-motor": ("motor.coulomb", "motor.stribeck", "motor.stribeck_speed")}
+    assert child.model is model and child.trained == ("trained",)
+
+
+@pytest.mark.parametrize(("gain", "taken"), [(90.0, True), (70.0, False)])
+def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch, gain, taken):
+    one, more = model_of("torque-ripple", -90.0), model_of("torque-ripple", -180.0)
+    cause = replace(CAUSES["torque-ripple"], another=lambda model, _: more if model is one else None)
+    monkeypatch.setattr(searching, "CAUSES", {**CAUSES, "torque-ripple": cause})
+    monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
+    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
+        model, np.full(4, gain / 4.0), (), (), ("more",)))
+    search = Search.__new__(Search)
+    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
+        model=ROOT.model, folds=()))}
+    child = search._child(ROOT, Score(one, np.full(4, 20.0), (), (), ("one",)))
+    expected = (more, ("more",), gain) if taken else (one, ("one",), 80.0)
+    assert (child.model, child.trained, child.gained) == expected
+
+
+def test_parts_of_friction_that_are_told_apart_are_trained_in_every_fold(monkeypatch):
+    """By a sum that is shared out by rule free runs would be judged, and a gap given up that is there."""
+    whole, parted = model_of("backlash", -90.0), model_of("backlash", -180.0)
+    monkeypatch.setattr(searching, "with_parts", lambda model, _: parted if model is whole else model)
+    monkeypatch.setattr(searching, "score", lambda model, *_: Score(
+        model, np.full(4, 40.0), (), (), (f"{model.value}",)))
+    search = Search.__new__(Search)
+    search.masks, search.split, search._folds = (), None, {id(ROOT.model): (ROOT.model, SimpleNamespace(
+        model=ROOT.model, folds=()))}
+    child = search._child(ROOT, Score(whole, np.full(4, 20.0), (), (), ("-90.0",)))
+    assert (child.model, child.trained, child.gained) == (parted, ("-180.0",), 160.0)
+    child = search._child(ROOT, Score(parted, np.full(4, 20.0), (), (), ("as it was",)))
+    assert (child.model, child.trained, child.gained) == (parted, ("as it was",), 80.0)
+
+
+class Steps(Search):
+    """A search whose steps are given: the causes found, one after the other, until None."""
+
+    def __init__(self, found, rounds=3, wanted=CAUSES):
+        self.found, self.options, self.wanted = list(found), DiagnoseOptions(rounds=rounds), frozenset(wanted)
+        self.root, self.budgets = ROOT, []
+
+    def expand(self, node, budget, *_):
+        self.budgets.append(budget)
+        code = self.found[len(node.causes)]
+        child = None if code is None else replace(node, causes=(*node.causes, code))
+        return Expansion(node, (), (), Decision(None, (), 0.0), (), child, child and "gain")
+
+
+@pytest.mark.parametrize(("found", "options", "causes", "unasked"), [
+    (["backlash", "imbalance", None], {}, ["backlash", "imbalance", None], ""),
+    ([None], {}, [None], ""),
+    # One more than is looked for is not taken.
+    (["backlash", "imbalance", "load-step"], {"rounds": 2}, ["backlash", "imbalance", None], ""),
+    # Nor is what was not to be looked for, whose special case, say, was.
+    (["backlash", "imbalance", None], {"wanted": {"backlash"}}, ["backlash", None], "imbalance")])
+def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options, causes, unasked):
+    monkeypatch.setattr(searching, "exact", lambda _: False)
+    search = Steps(found, **options)
+    path, said = search.path()
+    assert [e.round.cause for e in path] == causes and said == unasked
+    assert [e.stage for e in path] == ["gain" if c else None for c in causes]
+    assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in range(len(path))]
+
+
+def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):
+    monkeypatch.setattr(searching, "exact", lambda _: True)
+    assert Steps(["backlash"]).path() == ([], "")
+
+
+def test_laws_are_tried_with_their_special_cases_whether_or_not_those_are_asked_for(monkeypatch):
+    monkeypatch.setattr(searching, "everything", lambda _: ())
+    monkeypatch.setattr(Search, "base", lambda *_: SimpleNamespace(trained=()))
+    search = Search(ROOT.model, None, ("stribeck-load",), (), DiagnoseOptions())
+    assert {c.code for c in search.causes} == {"stribeck-load", "coulomb-load"}
+
+
+# Small records of one body that goes back and forth, with one law or two.
+BODY = Machine(inertia=(0.02,), viscous=(0.01,), idle_torque=(0.05,), rated_torque=2.0)
+FREE = ("motor.inertia", "motor.viscous", "motor.idle_torque")
+
+
+def one_body_search(machine, codes, seed=3, size=6000):
+    """A search for some causes in a record of one body that goes back and forth."""
+    top = 30.0
+    reference = trapezoids(top, 0.6, 0.3, size * STEP, STEP, seed)[:size]
+    excite = multisine(np.linspace(1.0, 20.0, 15), 0.05, size * STEP, STEP, seed)[:size]
+    run = simulate_fast(machine, excite, STEP, at_rest(machine), PI(reference, 0.2, 0.4, limit=2.0),
+                        white_noise(size, 0.01, seed + 1), sensor_noise=white_noise(size, 0.02, seed + 2))
+    record = experiment(run.command, run.measured)
+    drive = one_body().with_values({"motor.inertia": 0.021, "motor.viscous": 0.009, "motor.idle_torque": 0.04})
+    task = Task(drive, FREE, roles_of([record], drive), (record,))
+    split = split_of((record,), 1, drive, task.roles)
+    return Search(from_start(task), split, codes, frozenset(codes), DiagnoseOptions())
+
+
+FRICTION = ("coulomb-motor", "stribeck-motor", "quadratic-drag", "asymmetric-friction")
+
+
+@pytest.mark.parametrize(("codes", "seed", "size"), [
+    (("coulomb-motor", "quadratic-drag"), 5, 2400), pytest.param(FRICTION, 3, 6000, marks=pytest.mark.slow)])
+def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
+    machine = replace(BODY, coulomb=(0.08,), effects=Effects(quadratic=(4e-4,)))
+    search = one_body_search(machine, codes, seed, size)
+    path, unasked = search.path()
+    asked = asked_beside(search, path)
+    assert unasked == "" and sorted(asked.found.causes) == ["coulomb-motor", "quadratic-drag"]
+    assert asked.found.between == ()
+    values = asked.node.model.fitted.drive.values
+    assert values["motor.coulomb"] == pytest.approx(0.08, rel=0.05)
+    assert values["motor.drag"] == pytest.approx(4e-4, rel=0.1)
+    assert asked.rounds[-1].cause is None
+
+
+def test_nothing_is_found_where_nothing_is_missing():
+    path, _ = one_body_search(BODY, FRICTION).path()
+    assert [e.round.cause for e in path] == [None]
+
+
+def test_a_model_without_a_law_is_the_model_before_it():
+    """Without its surplus breakaway friction is dry friction of the same size."""
+    machine = replace(BODY, coulomb=(0.08,))
+    search = one_body_search(machine, FRICTION, size=3000)
+    path, _ = search.path()
+    model, drive = path[0].child.model, search.root.model.task.drive
+    values = {**model.fitted.drive.values, "motor.coulomb": 0.05, "motor.stribeck": 0.03,
+              "motor.stribeck_speed": 1.0}
+    names = ("motor.stribeck", "motor.stribeck_speed")
+    task = replace(model.task, drive=replace(model.task.drive, values=values),
+                   free=(*model.task.free, *names))
+    more = replace(model, task=task, problem=task.problem(), point=replace(model.point, values=np.array(
+        [values[n] for n in task.free])))
+    less = without_them(more, names, drive, search.masks)
+    assert set(less.task.free) == {*FREE, "motor.coulomb"} and set(less.task.drive.values) == {
+        *model.task.drive.values}
+    assert less.value == pytest.approx(model.value, abs=0.5)
+    none = without_them(less, ("motor.coulomb",), drive, search.masks)
+    assert none.task.free == search.root.model.task.free
+    assert none.value == pytest.approx(search.root.model.value, abs=0.5)
