@@ -171,7 +171,6 @@ def test_a_lower_limit_never_lowers_the_criterion(drive, kind):
     lowering(drive, kind)
 
 
-@pytest.mark.slow
 @pytest.mark.fuzz
 @settings(max_examples=25, deadline=None)
 @given(drives(), st.sampled_from(["IAE", "ISE", "IE"]))
