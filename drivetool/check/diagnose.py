@@ -22,13 +22,14 @@ from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
 from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
 from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.forecast import forecast
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.samples import split_of
 from drivetool.check.report.judgement import UNEXPLAINED
 from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
-from drivetool.check.search.result import Searched
+from drivetool.check.search.result import Base, Searched
 from drivetool.check.search.search import Search
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
@@ -153,6 +154,7 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     origin = search.base(root)
     first = origin if len(asked.free) == len(asked.given[1]) else search.base(
         from_start(task_of(train, *asked.given, roles)))
+    first = as_given(search, first, elsewhere)
     result = look(search, first, faults, asked.notes, train)
     # Not before: a law that is missing asks for other values in every record, too.
     change = result.change and change_between(origin.folds[0].trained, origin.folds)
@@ -160,6 +162,18 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     if change is not None and change.described and long:
         return replace(searched(asked, train, drive, faults), change=change)
     return result
+
+
+def as_given(search: Search, first: Base, elsewhere: Sequence[Model]) -> Base:
+    """The base that gains are stated over: refitted, or elsewhere, unfitted, where that foretells better.
+
+    A base that is fitted again may bend its parameters for the law that it lacks, and foretell less than the file.
+    """
+    for model in elsewhere:
+        whole = search.whole(model)
+        given = Base(model, tuple(replace(fold, trained=whole) for fold in first.folds))
+        first = min((first, given), key=lambda b: forecast(b.trained, b.folds).rmse)
+    return first
 
 
 def stands(task: Task, asked: Asked) -> tuple[Model, tuple[Model, ...]]:

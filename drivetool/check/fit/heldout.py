@@ -117,11 +117,12 @@ def folds_of(base: Model, split: Split) -> tuple[Fold, ...]:
 def trained_on(model: Model, split: Split, its: Samples) -> Model:
     """A model over all records as the training samples of a fold have it; model: fitted to those of all folds.
 
-    Of records that are held out the start states alone are found, each from its beginning.
+    Of records that are held out the start states alone are found, each from its beginning. The noise is that of
+    all training samples.
     """
     if split.held_out:
         return extended(model, split)
-    return fit(located(model), its.train, most=REFIT)
+    return fit(located(model), its.train, most=REFIT, renewed=False)
 
 
 def extended(model: Model, split: Split) -> Model:

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered
 from drivetool.errors import DriveToolError
-from drivetool.identify.engine import COLOUR_GAIN, Task, looks_coloured
+from drivetool.identify.engine import COLOUR_GAIN, Task, free_run, looks_coloured
 from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import approach
 from drivetool.identify.noise import (
@@ -36,6 +36,8 @@ BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a f
 WIDE = np.log(3.0) * np.arange(-3, 4)  # of how loud a sensor may be against the guess
 CLEARLY = 10.0  # log likelihood by which another noise is worth a fit: absorbed torque noise gains a few
 MOST, COLOURED = 12, 4  # rounds of gains and least squares, and of those under a noise that remembers
+SLOWER = 0.7  # of the rate at which torque noise forgets
+WORSE = 0.25  # of the error of free runs, by which it may grow
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ def from_start(task: Task, masks: Masks | None = None, most: int = MOST) -> Mode
     model = begun("base", task, problem, point, first_noise(problem, point, masks))
     if not most:
         return replace(model, value=judge(problem, point, model.noise, masks))
-    return _heard_anew(fit(model, masks, most=most, arrived=False), masks, most)
+    return _heard_anew(fit(model, masks, most=most), masks, most)
 
 
 def _heard_anew(model: Model, masks: Masks, most: int) -> Model:
@@ -217,8 +219,26 @@ def heard(model: Model, masks: Masks) -> Model:
     noise = remembering(problem, model.point, model.noise, lambda n: judge(model.problem, model.point, n, masks))
     if judge(model.problem, model.point, noise, masks) > model.value - COLOUR_GAIN:
         return model
-    trial = fit(replace(model, noise=noise), masks, most=COLOURED)
-    return trial if trial.value < model.value - COLOUR_GAIN else model
+    trial = fit(replace(model, noise=noise), masks, most=COLOURED, renewed=False)
+    if trial.value > model.value - COLOUR_GAIN:
+        return model
+    further = fit(trial, masks, most=COLOURED)
+    return trial if stands_in(further, trial) else further
+
+
+def stands_in(after: Model, before: Model) -> bool:
+    """Whether torque noise came to wander far more slowly and free runs err more: it stands in for friction, say."""
+    now, then = after.noise.memory, before.noise.memory
+    return (now is not None and then is not None and 1.0 - now < SLOWER * (1.0 - then)
+            and _run_error(after) > (1.0 + WORSE) * _run_error(before))
+
+
+def _run_error(model: Model) -> float:
+    """Rms error of free runs over the records, from the first output."""
+    traces = model.problem.traces
+    _, _, runs = free_run(model.fitted, traces, model.noise, model.point.starts)
+    errors = [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, traces, strict=True)]
+    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
 
 def _white_again(model: Model, problem: Problem, masks: Masks) -> Model:

@@ -31,6 +31,7 @@ CLOSE = tuple(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.17)))  # of load and shaft,
 LISTENED = (1, 4)  # those of them at which the noise is heard, where there are several sensors
 STEPS = 10
 ROUNDS = 4  # of the fits that follow
+RESTED = 24  # rounds in which such a fit comes to rest: from valley to valley a dozen may not do
 FOLLOWED = 6  # ends under the load's noise that are followed without it
 GAINED = 10.0  # log likelihood over the base without which a gap is none that is worth looking for on
 BETTER = 1.0  # the same, by which the next valley must be
@@ -89,7 +90,8 @@ def confirmed(outcome: Outcome) -> Outcome:
     problem, end, masks = outcome.problem, outcome.fit, everything(outcome.problem)
     value = judge(problem, end.point, end.noise, masks)
     model = Model("base", outcome.task.at_point(end.point), problem, end.point, end.noise, value)
-    ends = _followed([_begun(model, model.fitted, *there) for there in CLOSE if there != (1.0, 1.0)], model, masks)
+    ends = _followed([_begun(model, model.fitted, *there) for there in CLOSE if there != (1.0, 1.0)], model, masks,
+                     RESTED)
     starts = [{"way": "close by", "reached": dict(zip(outcome.task.free, map(float, m.point.values), strict=True)),
                "minus_log_likelihood_above_best": m.value - value,
                "apart": apart(problem, end.solution, replace(end.solution, point=m.point))} for m in (model, *ends)]
@@ -110,7 +112,7 @@ def _begun(model: Model, task: Task, scale: float, wider: float) -> Model:
     return begun(model.code, task, problem, point, model.noise)
 
 
-def _followed(some: Iterable[Model], base: Model, masks: Masks) -> list[Model]:
+def _followed(some: Iterable[Model], base: Model, masks: Masks, most: int = ROUNDS) -> list[Model]:
     """A few steps under a noise on the load too, the likeliest ends then fitted without it; the likeliest first."""
     loose = replace(base.noise, others=base.fitted.drive.turns()[-1] * base.noise.ratio)
 
@@ -122,4 +124,4 @@ def _followed(some: Iterable[Model], base: Model, masks: Masks) -> list[Model]:
         return sorted((m for m in found if np.isfinite(m.value)), key=lambda m: m.value)
 
     ends = likeliest(lambda m: few_steps(replace(m, noise=loose), masks, STEPS), some)[:FOLLOWED]
-    return likeliest(lambda m: fit(replace(m, noise=base.noise), masks, most=ROUNDS), ends)
+    return likeliest(lambda m: fit(replace(m, noise=base.noise), masks, most=most), ends)

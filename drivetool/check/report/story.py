@@ -13,9 +13,10 @@ from drivetool.check.causes.starts import torque_size
 from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import finding_of, told_apart
+from drivetool.check.fit.model import stands_in
 from drivetool.check.report.exhibits import exhibits_of
 from drivetool.check.report.hum import hum
-from drivetool.check.report.judgement import WORSE, changing, judged, spoils
+from drivetool.check.report.judgement import changing, judged, spoils
 from drivetool.check.report.model_run import run_model
 from drivetool.check.report.rattle import confirmed
 from drivetool.check.report.sentence import experiment_of, sentence_of
@@ -24,7 +25,7 @@ from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.compose import compose
-from drivetool.identify.engine import Outcome, Task, free_run
+from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import Fit, fit_innovations, settle
 from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 SHOWN = 3.0  # standard deviations from which a parameter of the base is one
 SETTLED = 5.0  # log likelihood by which the last fit may still move
-SLOWER = 0.7  # of the rate at which torque noise forgets
 FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first has not settled
 
 
@@ -107,8 +107,8 @@ def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Es
     fit, settled = _fitted(problem, point, model.noise, FEW)
     if not settled:
         fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
-    if _slower(fit.noise, model.noise) and (_run_error(task, problem, fit.point, fit.noise)
-                                            > (1.0 + WORSE) * _run_error(task, problem, point, model.noise)):
+    model = replace(model, task=task, problem=problem, point=point)
+    if stands_in(replace(model, point=fit.point, noise=fit.noise), model):
         fit, settled = _fitted(problem, point, model.noise, 1)
     outcome = confirmed(Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled))
     outcome, least = all_uncrossed(outcome)
@@ -118,19 +118,6 @@ def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Es
         estimate = from_below(estimate, name, low)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,
                                       "seed": options.seed})
-
-
-def _slower(noise: Noise, before: Noise) -> bool:
-    """Whether the torque noise came to wander much more slowly: single steps may then need no friction any more."""
-    return (noise.memory is not None and before.memory is not None
-            and 1.0 - noise.memory < SLOWER * (1.0 - before.memory))
-
-
-def _run_error(task: Task, problem: Problem, point: Point, noise: Noise) -> float:
-    """Rms error of free runs over the records, from the first output."""
-    _, _, runs = free_run(task.at_point(point), problem.traces, noise, point.starts)
-    errors = [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, problem.traces, strict=True)]
-    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
 
 
 def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fit, bool]:

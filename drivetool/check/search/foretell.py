@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.check.diagnosis import Gain
 from drivetool.check.fit.heldout import Score, in_one_place, total_evidence
 from drivetool.check.fit.model import everything
-from drivetool.check.fit.remainder import faked, is_coarse
+from drivetool.check.fit.remainder import faked
 from drivetool.check.fit.samples import Split
 from drivetool.check.search.decide import Decision
 from drivetool.check.search.result import Base, gain_between
@@ -53,8 +53,7 @@ def against(decision: Decision, scores: Sequence[Score], base: Base, split: Spli
 def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:
     """Why a cause that is likelier is none; empty: it may be one."""
     change = stage.held_out_rmse_after - stage.held_out_rmse_before
-    if is_coarse(base.model) and (-change < stage.rmse_bar or faked(
-            base.model, s.model, everything(base.model.problem)) > FAKED * s.lead):
+    if faked(base.model, s.model, everything(base.model.problem)) > FAKED * s.lead:
         return STEPS
     if (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
             or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_bar)):

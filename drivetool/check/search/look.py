@@ -7,13 +7,15 @@ from dataclasses import replace
 
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import change_between
-from drivetool.check.fit.remainder import remainder
+from drivetool.check.fit.remainder import Remainder, remainder
 from drivetool.check.search.beside import Asked, asked_beside
 from drivetool.check.search.pairs import doubtful, together
 from drivetool.check.search.result import Base, Found, Searched
 from drivetool.check.search.search import Expansion, Search
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
+
+NOTHING = Remainder(0.0, 0.0, 0.0)  # what a base leaves whose free runs end in rounding: there is no path from it
 
 
 def look(search: Search, first: Base, faults: Sequence[Fault], notes: Sequence[Finding],
@@ -37,6 +39,7 @@ def _ended(search: Search, path: Sequence[Expansion], unasked: str,
     first, faults, notes, train = given
     asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
     whole = search.whole(asked.node.model)
+    left = remainder(whole, search.split.held) if path else NOTHING
     return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), first,
                     search.base(search.root.model), asked.node.model, whole, asked.node.trained, asked.found,
-                    asked.rounds, remainder(whole, search.split.held), unasked)
+                    asked.rounds, left, unasked)
