@@ -227,7 +227,7 @@ def heard(model: Model, masks: Masks) -> Model:
 
 
 def stands_in(after: Model, before: Model) -> bool:
-    """Whether torque noise came to wander far more slowly, and free runs err more: friction, say, is taken for it."""
+    """Whether torque noise wanders far more slowly now, and free runs err more: it stands in for friction, say."""
     now, then = after.noise.memory, before.noise.memory
     return (now is not None and then is not None and 1.0 - now < SLOWER * (1.0 - then)
             and _run_error(after) > (1.0 + WORSE) * _run_error(before))
