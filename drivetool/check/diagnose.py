@@ -22,7 +22,6 @@ from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
 from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
 from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.fit.between_records import change_between
-from drivetool.check.fit.forecast import forecast
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.samples import split_of
@@ -172,7 +171,7 @@ def as_given(search: Search, first: Base, elsewhere: Sequence[Model]) -> Base:
     for model in elsewhere:
         whole = search.whole(model)
         given = Base(model, tuple(replace(fold, trained=whole) for fold in first.folds))
-        first = min((first, given), key=lambda b: forecast(b.trained, b.folds).rmse)
+        first = min((first, given), key=lambda b: b.foretold.rmse)
     return first
 
 

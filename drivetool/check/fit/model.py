@@ -133,13 +133,16 @@ def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, g
         arrived: bool = True) -> Model:
     """The model fitted to the samples of a mask, from where it is.
 
-    most     rounds; renewed: whether its noise is fitted, too
+    most     rounds; renewed: whether its noise is fitted, too, as long as it stands in for nothing
     goal     value to be reached: what is far above it after a few rounds is given up
     arrived  whether it is near its optimum
     """
     found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=arrived, most=most,
                             renewed=renewed, wanted=goal)
-    return replace(model, point=found.point, noise=found.noise, value=found.value)
+    after = replace(model, point=found.point, noise=found.noise, value=found.value)
+    if renewed and stands_in(after, model):
+        return fit(model, masks, most=most, renewed=False, goal=goal, arrived=arrived)
+    return after
 
 
 def few_steps(model: Model, masks: Masks, most: int) -> Model:
@@ -222,8 +225,7 @@ def heard(model: Model, masks: Masks) -> Model:
     trial = fit(replace(model, noise=noise), masks, most=COLOURED, renewed=False)
     if trial.value > model.value - COLOUR_GAIN:
         return model
-    further = fit(trial, masks, most=COLOURED)
-    return trial if stands_in(further, trial) else further
+    return fit(trial, masks, most=COLOURED)
 
 
 def stands_in(after: Model, before: Model) -> bool:

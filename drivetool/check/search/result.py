@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import Change
 from drivetool.check.fit.folds import blocks_of
-from drivetool.check.fit.forecast import forecast, gain_of, unexplained_percent
+from drivetool.check.fit.forecast import Forecast, forecast, gain_of, unexplained_percent
 from drivetool.check.fit.heldout import Fold
 from drivetool.check.fit.model import Model, sensor_std
 from drivetool.check.fit.remainder import Remainder, remainder
@@ -58,6 +59,11 @@ class Base:
     def trained(self) -> tuple[Model, ...]:
         """Per fold the model."""
         return tuple(f.trained for f in self.folds)
+
+    @cached_property
+    def foretold(self) -> Forecast:
+        """Its free runs over what its folds have not seen: every gain over it asks for them."""
+        return forecast(self.trained, self.folds)
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,6 @@ def gain_between(before: Base, after: Sequence[Model], split: Split, gained: flo
     motion = task.drive.motion_unit
     unit = motion if task.roles.outputs[0].endswith("angle") else f"{motion}/s"
     i, a, b = blocks_of(split.traces)[0]
-    return gain_of(forecast(before.trained, before.folds), forecast(after, before.folds), unit,
+    return gain_of(before.foretold, forecast(after, before.folds), unit,
                    (b - a) * split.traces[i].step, sensor_std(after[0]),
                    unexplained_percent(gained, remainder(after[0])))
