@@ -14,7 +14,7 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered
 from drivetool.errors import DriveToolError
-from drivetool.identify.engine import COLOUR_GAIN, Task, free_run, looks_coloured
+from drivetool.identify.engine import COLOUR_GAIN, Task, looks_coloured
 from drivetool.identify.innovations import fit_innovations
 from drivetool.identify.least_squares import approach
 from drivetool.identify.noise import (
@@ -236,11 +236,13 @@ def stands_in(after: Model, before: Model) -> bool:
 
 
 def _run_error(model: Model) -> float:
-    """Rms error of free runs over the records, from the first output."""
-    traces = model.problem.traces
-    _, _, runs = free_run(model.fitted, traces, model.noise, model.point.starts)
-    errors = [run[:, 0] - t.outputs[:, 0] for run, t in zip(runs, traces, strict=True)]
-    return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+    """Rms error of the first output in free runs over the records, from the start states as they are."""
+    traces, plants = model.problem.traces, model.problem.plants(model.point.values, False)
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [plant.outputs(t, s)[:, 0] - t.outputs[:, 0] for plant, t, s in zip(
+            plants, traces, model.point.starts, strict=True)]
+        error = float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+    return error if np.isfinite(error) else np.inf
 
 
 def _white_again(model: Model, problem: Problem, masks: Masks) -> Model:
