@@ -8,6 +8,7 @@ there; named is what no other cause comes close to; and what noise cannot explai
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -22,6 +23,7 @@ from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
 from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
 from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.forecast import blocks_under_test
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.samples import split_of
@@ -107,7 +109,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         search = looked_again(asked, search, mended, drive, faults)
     search = with_shaft_scale(asked, search, mended, blamed)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
-        search = search.without(*without_surprises(search.model, mended[:len(search.train)]))
+        search = search.without(*without_surprises(search.model, search.train))
     return tell(search, drive, options)
 
 
@@ -147,14 +149,18 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     split = split_of(records, asked.count, drive, roles)
     if sum(t.step * t.size for t in split.traces) < SHORTEST:
         raise NotEnoughData(f"at least {SHORTEST:g} s of record", "less", "Record longer, or give several logs.")
+    if not any(blocks_under_test(its, split.traces) for its in split.folds):
+        raise NotEnoughData("records to judge by that go on after their beginnings", "only beginnings of records",
+                            "Record longer, or leave --holdout away: then halves of the records judge each other.")
     root, elsewhere = stands(task_of(train, drive, asked.free, roles), asked)
     wanted, possible = (not_ruled_out(codes, records) for codes in (asked.wanted, tuple(CAUSES)))
     search = Search(root, split, wanted, frozenset(possible), asked.options, elsewhere)
     origin = search.base(root)
     first = origin if len(asked.free) == len(asked.given[1]) else search.base(
         from_start(task_of(train, *asked.given, roles)))
-    first = as_given(search, first, elsewhere)
     result = look(search, first, faults, asked.notes, train)
+    if result.found.causes and first is origin:
+        result = replace(result, first=as_given(search, first, elsewhere))
     # Not before: a law that is missing asks for other values in every record, too.
     change = result.change and change_between(origin.folds[0].trained, origin.folds)
     long = sum(e.step * (b - a) for e in train for a, b in e.segments) >= SHORTEST
@@ -169,9 +175,10 @@ def as_given(search: Search, first: Base, elsewhere: Sequence[Model]) -> Base:
     A base that is fitted again may bend its parameters for the law that it lacks, and foretell less than the file.
     """
     for model in elsewhere:
-        whole = search.whole(model)
-        given = Base(model, tuple(replace(fold, trained=whole) for fold in first.folds))
-        first = min((first, given), key=lambda b: b.foretold.rmse)
+        with suppress(*BROKEN):
+            whole = search.whole(model)
+            given = Base(model, tuple(replace(fold, trained=whole) for fold in first.folds))
+            first = min((first, given), key=lambda b: b.foretold.rmse)
     return first
 
 
@@ -186,8 +193,9 @@ def stands(task: Task, asked: Asked) -> tuple[Model, tuple[Model, ...]]:
             found.append(from_start(there, masks, most=0))
     if found:
         # It may also have been bent from the start: then the likelier end is the base.
-        again = [fit(m, masks) for m in found]
-        root = min((root, *again), key=lambda m: m.value)
+        for model in found:
+            with suppress(*BROKEN):
+                root = min((root, fit(model, masks)), key=lambda m: m.value)
     return with_parts(root, masks), tuple(found[:1])
 
 
@@ -215,7 +223,7 @@ def with_shaft_scale(asked: Asked, search: Searched, records: Sequence[Experimen
     drive, free = search.origin.model.task.drive, search.origin.model.task.free
     values = {n: found.values[n] for n in free if n in found.values}
     try:
-        again = searched(asked, found.records, drive.with_values(values), faults)
+        again = searched(replace(asked, free=free), found.records, drive.with_values(values), faults)
     except BROKEN:
         return search
     return again if likelier_so(again, search, found.factor) else search

@@ -220,6 +220,13 @@ def test_what_the_steps_of_a_logger_would_show_as_well_is_not_named(monkeypatch,
     assert found.between == (("second",) if best == "second" else ("first", "second"))
 
 
+def test_a_cause_behind_a_base_of_another_noise_is_not_laid_to_the_steps_of_a_logger(foretold):
+    """Records made up show nothing; the base leads on the samples that both were fitted to."""
+    only = score(-3.0, 2.0 * AGREES, code="first", ratio=30.0)
+    found, _, objected = foretold(Decision(only, ("first",), 100.0), [only], {"first": told(0.5)})
+    assert found.best is only and not objected
+
+
 def test_either_way_of_finding_costs_half_of_the_budget():
     assert total_evidence([score(0.0, ratio=7.0)]) == pytest.approx(7.0 - np.log(2.0))
     assert total_evidence([score(30.0)]) == pytest.approx(surprise(score(30.0)) - np.log(2.0))

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drivetool.check import diagnose as diagnosing
+from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.fit import between_records
 from drivetool.check.fit.folds import blocks_of
-from drivetool.check.fit.heldout import extended, trained_on
+from drivetool.check.fit.heldout import Fold, extended, trained_on
 from drivetool.check.fit.model import from_start
 from drivetool.check.fit.samples import split_of
 from drivetool.drive.linearise import resonances
+from drivetool.errors import NotEnoughData
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import STEP, drive_like, experiment
@@ -63,6 +68,17 @@ def test_samples_that_judge_are_none_that_were_fitted_to(held_out):
         assert all(np.all(one | other) for one, other in zip(*(fold.train for fold in split.folds), strict=True))
 
 
+@pytest.mark.parametrize(("size", "enough"), [(600, False), (3000, True)])
+def test_a_record_that_is_all_beginning_is_no_judge(monkeypatch, size, enough):
+    """Where no block is under test, free runs have nothing to foretell."""
+    (record, drive, *_), (other, *_) = slow_record(20), slow_record(21, size)
+    reached = []
+    monkeypatch.setattr(diagnosing, "stands", lambda *_: reached.append(True) or sys.exit())
+    with pytest.raises(SystemExit if enough else NotEnoughData, match=None if enough else "beginnings"):
+        diagnosing.diagnose((record,), drive, FREE, DiagnoseOptions(candidates=("coulomb-motor",)), (other,))
+    assert bool(reached) == enough
+
+
 @pytest.fixture(scope="module")
 def held():
     """(a base of one record, its split, the states at which the record held out begins, the sensor's noise)."""
@@ -107,3 +123,13 @@ def test_without_records_held_out_a_model_is_over_all_of_them_already(held):
     base, split, *_ = held
     alone = split_of(split.experiments[:1], 1, base.task.drive, base.task.roles)
     assert extended(base, alone) is base
+
+
+def test_what_a_record_held_out_tells_is_not_counted_to_the_records_of_the_fit(monkeypatch, held):
+    """The beginning of a record held out is everybody's for training: that makes it no record of the fit."""
+    base, split, *_ = held
+    model = extended(base, split)
+    monkeypatch.setattr(between_records, "_held_out", lambda *_: ())
+    monkeypatch.setattr(between_records, "_change", lambda fitted: len(fitted.problem.traces))
+    folds = [Fold(*its, model, 0.0) for its in split.folds]
+    assert len(model.problem.traces) == 2 and between_records.change_between(model, folds) == split.fitted == 1

@@ -22,6 +22,7 @@ from drivetool.identify.setup import Roles, roles_of
 from drivetool.logs.experiment import Experiment
 
 BLAMED = 4.0  # standard errors of the scale from which the sensor is blamed
+SURE = 0.5 * BLAMED**2  # the same in log likelihood
 SCALE = 0.02  # relative error of the shaft torque below which it is not blamed
 PIECE = 0.25  # s of record that count as independent of the next
 STRAIGHT = 0.02  # relative change of a parameter over which all that follows from it is a straight line
@@ -46,39 +47,53 @@ def shaft_fault(experiments: Sequence[Experiment], drive: Drive, free: Sequence[
     if len(alone.outputs) == len(roles.outputs) or not alone.outputs or not asked:
         return tuple(experiments), drive, []
     task = Task(drive, tuple(n for n in drive.quantities if n in free), alone, tuple(experiments))
-    models = []
     first = {n: begun[n] for n in task.free if n in begun}
-    for values in ({}, *([first] if first else ()), *_elsewhere(task)):
-        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            models.append(from_start(task.at(values)))
-    if not models:
+    models = _by_the_motor(task, first)
+    found = _blamed(models, replace(task, roles=roles), first) if models else None
+    if found is None:
         return tuple(experiments), drive, []
-    model = min(models, key=lambda m: m.value)
-    measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in experiments
-                               for a, b in e.segments if b - a >= 10])
-    factor, error = scale_of(model, measured, experiments[0].step)
-    told = error < abs(factor)
-    if told and (abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05):
-        return tuple(experiments), drive, []
-    whole = replace(task, roles=roles)
-    begins = (whole, whole.at(first)) if first else (whole,)
-    lead = lead_of(factor, (*begins, _from(model, whole))) if told else 0.0
-    if told and lead < 0.5 * BLAMED**2:
-        return tuple(experiments), drive, []
-    # Where the motor does not tell the scale, all that was measured may tell the sign.
-    if factor < 0.0 or not told:
-        turned = min(models, key=lambda m: abs(
-            _factor(measured, *shaft_torque_of(m), experiments[0].step)[0] + 1.0))
-        near = told and abs(factor + 1.0) < BLAMED * error
-        other = lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole))) if not near else np.inf
-        if other > (lead - 0.5 * BLAMED**2 if told else 0.5 * BLAMED**2):
-            factor, error, model = -1.0, np.nan, turned  # a sign is no measured number
-        elif not told:
-            return tuple(experiments), drive, []
+    factor, error, model = found
     fault = scale_fault(factor, error)
     if fault.code not in wanted:
         return tuple(experiments), drive, []
     return rescaled(experiments, factor), model.fitted.drive, [fault]
+
+
+def _by_the_motor(task: Task, first: Mapping[str, float]) -> list[Model]:
+    """The drive fitted to the motor alone, from its own values, those its fit began with, and others."""
+    models = []
+    for values in ({}, *([first] if first else ()), *_elsewhere(task)):
+        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+            models.append(from_start(task.at(values)))
+    return models
+
+
+def _blamed(models: Sequence[Model], whole: Task, first: Mapping[str, float]) -> tuple[float, float, Model] | None:
+    """(factor of the sensor, its error, the drive by the motor alone), None if the sensor is to be trusted.
+
+    The scale where the motor tells it; the sign by all that was measured, where it does not.
+
+    models  of the motor alone; whole: the task with the sensor; first: values that its fit began with
+    """
+    model, step = min(models, key=lambda m: m.value), whole.experiments[0].step
+    measured = np.concatenate([e.signals["shaft_torque"][a:b] for e in whole.experiments
+                               for a, b in e.segments if b - a >= 10])
+    factor, error = scale_of(model, measured, step)
+    told = error < abs(factor)
+    if told and (abs(factor - 1.0) < max(SCALE, BLAMED * error) or abs(factor) < 0.05):
+        return None
+    begins = (whole, whole.at(first)) if first else (whole,)
+    lead = lead_of(factor, (*begins, _from(model, whole))) if told else 0.0
+    if told and lead < SURE:
+        return None
+    if told and factor > 0.0:
+        return factor, error, model
+    turned = min(models, key=lambda m: abs(_factor(measured, *shaft_torque_of(m), step)[0] + 1.0))
+    near = told and abs(factor + 1.0) < BLAMED * error
+    other = np.inf if near else lead_of(-1.0, (*begins, _from(model, whole), _from(turned, whole)))
+    if other > (lead - SURE if told else SURE):
+        return -1.0, np.nan, turned  # a sign is no measured number
+    return (factor, error, model) if told else None
 
 
 def scale_fault(factor: float, error: float) -> Fault:

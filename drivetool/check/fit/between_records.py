@@ -51,7 +51,7 @@ def change_between(model: Model, folds: Sequence[Fold]) -> Change | None:
     if len(folds) != 1:
         return None
     try:
-        fitted = over(model, [i for i, mask in enumerate(folds[0].train) if mask.any()])
+        fitted = over(model, [i for i, mask in enumerate(folds[0].test) if not mask.any()])
         return _change(*_held_out(model, folds[0]), fitted)
     except BROKEN:  # what cannot be fitted by itself asks for nothing
         return None

@@ -19,9 +19,10 @@ from drivetool.check.causes.starts import added, present, torque_size
 from drivetool.check.fit.model import BROKEN, Masks, Model, begun, everything, few_steps, first_noise, fit, judge
 from drivetool.check.fit.structure import carried
 from drivetool.identify.engine import Outcome, Task
+from drivetool.identify.innovations import fit_innovations, settle
 from drivetool.identify.light import load_share
 from drivetool.identify.problem import Point
-from drivetool.identify.search import apart
+from drivetool.identify.search import CONFIRMED, apart
 from drivetool.identify.setup import problem_of
 
 LIGHT = 0.5  # of the motor's inertia, below which a load is, as far as a base without the gap tells it
@@ -81,7 +82,8 @@ def _heard(base: Model, tasks: Iterable[Task], masks: Masks) -> Model | None:
 def confirmed(outcome: Outcome) -> Outcome:
     """The outcome with ends of fits from close by, if it has a gap before a light load.
 
-    Where none agrees with it there are no intervals: each would be that of one valley among many.
+    Where none agrees with it there are no intervals: each would be that of one valley among many. A better one
+    takes its place, and must be agreed with by another.
     """
     drive = outcome.task.drive
     if outcome.fit is None or len(drive.bodies) != 2 or load_share(drive) > LIGHT or (
@@ -92,6 +94,12 @@ def confirmed(outcome: Outcome) -> Outcome:
     model = Model("base", outcome.task.at_point(end.point), problem, end.point, end.noise, value)
     ends = _followed([_begun(model, model.fitted, *there) for there in CLOSE if there != (1.0, 1.0)], model, masks,
                      RESTED)
+    if ends and ends[0].value < value - CONFIRMED:
+        model, *ends = ends
+        end = settle(problem, fit_innovations(problem, model.point, model.noise, arrived=True))
+        value = judge(problem, end.point, end.noise, masks)
+        model = replace(model, point=end.point, noise=end.noise, value=value)
+        outcome = replace(outcome, solution=end.solution, fit=end)
     starts = [{"way": "close by", "reached": dict(zip(outcome.task.free, map(float, m.point.values), strict=True)),
                "minus_log_likelihood_above_best": m.value - value,
                "apart": apart(problem, end.solution, replace(end.solution, point=m.point))} for m in (model, *ends)]

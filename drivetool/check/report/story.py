@@ -109,7 +109,7 @@ def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Es
         fit, settled = _fitted(problem, fit.point, fit.noise, MANY)
     model = replace(model, task=task, problem=problem, point=point)
     if stands_in(replace(model, point=fit.point, noise=fit.noise), model):
-        fit, settled = _fitted(problem, point, model.noise, 1)
+        fit, settled = _fitted(problem, point, model.noise, FEW, renewed=False)
     outcome = confirmed(Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled))
     outcome, least = all_uncrossed(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
@@ -120,9 +120,10 @@ def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Es
                                       "seed": options.seed})
 
 
-def _fitted(problem: Problem, point: Point, noise: Noise, most: int) -> tuple[Fit, bool]:
+def _fitted(problem: Problem, point: Point, noise: Noise, most: int, renewed: bool = True) -> tuple[Fit, bool]:
     """(the fit after some rounds from a point, whether it has settled)."""
-    fit = settle(problem, fit_innovations(problem, point, noise, most=most))
+    fit = fit_innovations(problem, point, noise, most=most, renewed=renewed)
+    fit = settle(problem, fit) if renewed else fit  # settling looks for the noise again
     before = minus_log_likelihood(filtered(problem, point, noise, keep=False))
     return fit, fit.converged or fit.gain < SETTLED or abs(fit.value - before) < SETTLED
 

@@ -53,7 +53,7 @@ def against(decision: Decision, scores: Sequence[Score], base: Base, split: Spli
 def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:
     """Why a cause that is likelier is none; empty: it may be one."""
     change = stage.held_out_rmse_after - stage.held_out_rmse_before
-    if faked(base.model, s.model, everything(base.model.problem)) > FAKED * s.lead:
+    if faked(base.model, s.model, everything(base.model.problem)) > FAKED * max(s.lead, 0.0):
         return STEPS
     if (stage.held_out_rmse_after > RUINED * stage.held_out_rmse_before
             or change > max((DOUBLED - 1.0) * stage.held_out_rmse_before, 2.0 * stage.rmse_bar)):

@@ -26,7 +26,7 @@ def lines_of(tried: Sequence[Tried], scores: Sequence[Score], decision: Decision
     why     cause -> what speaks against it
     """
     by_code = {s.model.code: s for s in scores}
-    lines, most = [], max((base.value - t.model.value for t in tried if t.model is not None), default=0.0)
+    lines, most = [], max((base.value - t.model.value for t in tried if t.model and not t.absent), default=0.0)
     for t in tried:
         code, s = t.cause.code, by_code.get(t.cause.code)
         common = (code, law_of(t.cause))
@@ -74,6 +74,8 @@ def _unjudged(t: Tried, gain: float, most: float) -> tuple[State, str]:
                          f"cause {most:.0f}")
     if t.smallest and all(not np.isfinite(v) for v in t.smallest.values()):
         return "not-shown", needed(t.cause)
+    if t.model is None:
+        return "no-gain", "what one linear step promises is not worth a fit"
     return "no-gain", "it does not make the records it is fitted to more likely"
 
 

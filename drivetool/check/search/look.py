@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import change_between
+from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.remainder import Remainder, remainder
 from drivetool.check.search.beside import Asked, asked_beside
 from drivetool.check.search.pairs import doubtful, together
@@ -39,7 +40,7 @@ def _ended(search: Search, path: Sequence[Expansion], unasked: str,
     first, faults, notes, train = given
     asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
     whole = search.whole(asked.node.model)
-    left = remainder(whole, search.split.held) if path else NOTHING
+    left = remainder(whole, search.split.held) if path or not exact(whole) else NOTHING
     return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), first,
                     search.base(search.root.model), asked.node.model, whole, asked.node.trained, asked.found,
                     asked.rounds, left, unasked)

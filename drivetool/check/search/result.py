@@ -138,4 +138,4 @@ def gain_between(before: Base, after: Sequence[Model], split: Split, gained: flo
     i, a, b = blocks_of(split.traces)[0]
     return gain_of(before.foretold, forecast(after, before.folds), unit,
                    (b - a) * split.traces[i].step, sensor_std(after[0]),
-                   unexplained_percent(gained, remainder(after[0])))
+                   unexplained_percent(gained, remainder(after[0], split.held)))

@@ -159,7 +159,8 @@ class Search:
             short = _shortlist(seen) if not asked else [s for s in seen if s.begun]
             tried: dict[str, Tried] = {}
             for group in _groups(short):
-                gained = max((node.model.value - t.model.value for t in tried.values() if t.model), default=0.0)
+                gained = max((node.model.value - t.model.value for t in tried.values() if t.model and not t.absent),
+                             default=0.0)
                 going = [s for s in group if not tried or ATTAINED * s.promise > gained - TIE]
                 goal = node.model.value - gained if tried else np.inf
                 for t in pool.map(lambda s, goal=goal: attempt(s, node.model, self.masks, own[s.cause.code], goal),
