@@ -41,10 +41,11 @@ def catalogue(code: str | None = None) -> list[dict[str, Any]]:
 def print_catalogue(entries: Sequence[Entry], console: Console) -> None:
     """One row per effect."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False)
-    for title in ("effect", "of", "law", "a record must contain"):
+    for title in ("effect", "of", "law", "a record must contain", "diagnosed as"):
         table.add_column(title, overflow="fold", no_wrap=title == "effect")
     for entry in entries:
-        table.add_row(*(Text(entry[key] or "-") for key in ("code", "of", "law", "needs")))
+        table.add_row(*(Text(entry[key] or "-") for key in ("code", "of", "law", "needs")),
+                      Text(", ".join(entry["diagnosed_as"]) or "-"))
     console.print(table)
     console.print(Text("  drivetool effects CODE says more about one of them.", style="dim"))
 

@@ -134,6 +134,7 @@ def bounded(problem: Problem, base: Model, task: Task) -> Problem:
     low, high = problem.low.copy(), problem.high.copy()
     for cause in (c for c in FITTED if c.bounds is not None):
         for name, (least, most) in cause.bounds(base, task).items():
-            j = task.free.index(name)
-            low[j], high[j] = max(low[j], least), min(high[j], most)
+            if name in task.free:
+                j = task.free.index(name)
+                low[j], high[j] = max(low[j], least), min(high[j], most)
     return replace(problem, low=low, high=high)
