@@ -129,19 +129,17 @@ def begun(code: str, task: Task, problem: Problem, point: Point, noise: Noise) -
     return Model(code, task, problem, point, noise, np.inf)
 
 
-def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf,
-        arrived: bool = True) -> Model:
+def fit(model: Model, masks: Masks, *, most: int = MOST, renewed: bool = True, goal: float = np.inf) -> Model:
     """The model fitted to the samples of a mask, from where it is.
 
-    most     rounds; renewed: whether its noise is fitted, too, as long as it stands in for nothing
-    goal     value to be reached: what is far above it after a few rounds is given up
-    arrived  whether it is near its optimum
+    most  rounds; renewed: whether its noise is fitted, too, as long as it stands in for nothing
+    goal  value to be reached: what is far above it after a few rounds is given up
     """
-    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=arrived, most=most,
+    found = fit_innovations(counted(model.problem, masks), model.point, model.noise, arrived=True, most=most,
                             renewed=renewed, wanted=goal)
     after = replace(model, point=found.point, noise=found.noise, value=found.value)
     if renewed and stands_in(after, model):
-        return fit(model, masks, most=most, renewed=False, goal=goal, arrived=arrived)
+        return fit(model, masks, most=most, renewed=False, goal=goal)
     return after
 
 
