@@ -177,6 +177,7 @@ def foretold(monkeypatch):
     (told(11.0, 9.0), told(0.9), 0.0, "second", {"first"}),  # runs away
     (told(2.2, 0.3), told(0.9), 0.0, "second", {"first"}),  # doubles the error
     (told(2.2, 0.7), told(0.9), 0.0, "first", set()),  # that may be scatter
+    (told(0.5), told(1.3, 0.1), 1e4, "first", {"second"}),  # what ties is held against the same
 ])
 def test_a_small_cause_that_spoils_the_free_run_is_not_named(foretold, first, second, gained, best, against):
     """first has the larger gain per step; gains are stood in for."""

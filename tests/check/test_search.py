@@ -224,6 +224,13 @@ def test_node_after_node_until_nothing_more_is_found(monkeypatch, found, options
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in range(len(path))]
 
 
+def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_rounds():
+    search = Steps(["backlash", "imbalance", "load-step", "hardening-stiffness"])
+    path, _ = search.path(replace(ROOT, causes=("backlash",)))
+    assert [e.round.cause for e in path] == ["imbalance", "load-step", None]
+    assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in (1, 2, 3)]
+
+
 def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):
     monkeypatch.setattr(searching, "exact", lambda _: True)
     assert Steps(["backlash"]).path() == ([], "")

@@ -74,10 +74,10 @@ def _again(search: Search, asked: Asked, code: str, step: Expansion) -> Asked:
     names = found.added[code]
     first = search.root.model.task.drive
     less = without_them(node.model, names, first, search.masks)
-    rest = Node(tuple(c for c in node.causes if c != code), less, (), {
-        c: n for c, n in node.added.items() if c != code})
     budget = search.options.error_budget
     lead = less.value - node.model.value
+    rest = Node(tuple(c for c in node.causes if c != code), less, (), {
+        c: n for c, n in node.added.items() if c != code}, max(node.gained - lead, 0.0))
     if lead <= TRIFLE * len(names) or unlikely(lead, len(names)) < np.log(1.0 / budget):
         return _dropped(search, asked, code, rest)
     simple = _as_simple(search, asked, code, first)

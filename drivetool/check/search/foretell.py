@@ -31,23 +31,27 @@ def against(decision: Decision, scores: Sequence[Score], base: Base, split: Spli
 
     A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one place
     only, makes up for what they are not exact in; one that records made up without it show as well makes up for the
-    steps of the logger. What ties with it must then be found by itself.
+    steps of the logger. What ties with it must then be found by itself, and is held against the same.
 
     gained  log likelihood by what was found before; wanted: the causes that may be named
     """
     said: dict[str, str] = {}
+    left: list[tuple[Score, Gain]] = []
     tied = [s for s in scores if s.model.code in decision.between]
     # One that was asked for first, where that is as good as one that was not.
     for s in sorted(tied, key=lambda s: (s.model.code not in wanted, -s.gain)):
-        if said and total_evidence([s], gained) < np.log(1.0 / budget):
+        if not left and said and total_evidence([s], gained) < np.log(1.0 / budget):
             continue
         stage = gain_between(base, s.trained, split, gained + s.gain)
         why = _why_not(s, stage, base, gained)
-        if not why:
-            between = tuple(c for c in decision.between if c not in said)
-            return replace(decision, best=s, between=between), stage, said
-        said[s.model.code] = why
-    return replace(decision, best=None, between=()), None, said
+        if why:
+            said[s.model.code] = why
+        else:
+            left.append((s, stage))
+    if not left:
+        return replace(decision, best=None, between=()), None, said
+    best, stage = left[0]
+    return replace(decision, best=best, between=tuple(c for c in decision.between if c not in said)), stage, said
 
 
 def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:

@@ -102,12 +102,13 @@ class Search:
     def path(self, node: Node | None = None) -> tuple[list[Expansion], str]:
         """(node after node, until nothing more is found; what is found next but was not to be looked for).
 
-        None where free runs of the base leave rounding alone.
+        None where free runs of the base leave rounding alone. Each next cause has half the budget of the one before,
+        those that a path goes on from included.
         """
         node, found, unasked = node or self.root, [], ""
         if not node.causes and exact(node.model):
             return [], ""
-        for number in range(self.options.rounds + 1):
+        for number in range(len(node.causes), self.options.rounds + 1):
             one = self.expand(node, self.options.error_budget * 0.5 ** (number + 1))
             if one.child is not None and one.child.causes[-1] not in self.wanted:
                 unasked = one.child.causes[-1]
