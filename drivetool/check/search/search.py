@@ -102,8 +102,8 @@ class Search:
     def path(self, node: Node | None = None) -> tuple[list[Expansion], str]:
         """(node after node, until nothing more is found; what is found next but was not to be looked for).
 
-        None where free runs of the base leave rounding alone. Each next cause has half the budget of the one before,
-        those that a path goes on from included.
+        None where free runs of the base leave rounding alone. Each next cause has half the budget of the one before
+        it, as a path that goes on from a cause counts too.
         """
         node, found, unasked = node or self.root, [], ""
         if not node.causes and exact(node.model):
