@@ -27,7 +27,7 @@ from drivetool.check.fit.forecast import blocks_under_test
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.samples import split_of
-from drivetool.check.report.judgement import UNEXPLAINED
+from drivetool.check.report.rules import UNEXPLAINED
 from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
 from drivetool.check.search.result import Base, Searched

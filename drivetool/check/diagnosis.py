@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,9 @@ Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
 # Factors by which a gain differs between records beyond what blocks say (docs/evidence/diagnosis.md).
 LESS, MORE = 2.0, 4.0
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
+LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
+REST = 0.25  # of the error before, from which on what is left is much
+IMPLAUSIBLE = 0.03  # of the torque's spread, from which a noise of the torque may be a law that is missing
 State = Literal["named", "possible", "worse", "no-gain", "not-shown", "in-the-model", "failed"]
 
 
@@ -107,6 +110,17 @@ class Gain:
         return better - float(np.hypot(blocks, less)), better + float(np.hypot(blocks, more))
 
 
+def taken_for_noise(before: float, after: float, floor: float, share: float, loud: float = LOUD) -> bool:
+    """Whether a noise of the torque that is hardly one stands in for much of what was there.
+
+    Then a law that is in no catalogue may hide behind it: one-step errors cannot tell the two apart.
+
+    before, after  rms errors of free runs; floor: of the sensor alone; loud: times that which `after` must exceed
+    share          std of the torque's noise over the spread of the torque
+    """
+    return after > loud * floor and after > REST * before and share > IMPLAUSIBLE
+
+
 @dataclass(frozen=True)
 class Round:
     """One round: what was looked for on top of what had been found, and what was decided.
@@ -117,6 +131,39 @@ class Round:
     cause: str | None
     candidates: tuple[CandidateResult, ...]
     gain: Gain | None = None
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Figures that the rules of a verdict compare, and the names that it hands on; meanings: report.facts.FACTS.
+
+    Log likelihoods are natural; errors of free runs are in the unit of the gain.
+    """
+
+    faults: tuple[str, ...] = ()
+    causes: tuple[str, ...] = ()
+    between: tuple[str, ...] = ()
+    strongest: str = ""
+    hardly: tuple[str, ...] = ()
+    unasked: str = ""
+    gained: float = 0.0
+    left: float = 0.0
+    left_time: float = 0.0
+    repeats: bool = False
+    before: float = 1.0
+    after: float = 1.0
+    scatter: float = 0.0
+    floor: float = 0.0
+    by_noise: float | None = None
+    left_percent: float = 0.0
+    torque_noise: float = 0.0
+    load_changes: int = 0
+    by_speed: float | None = None
+    other_values: bool = False
+
+    def plain(self) -> dict[str, object]:
+        """By name, as files have them."""
+        return {n: list(v) if isinstance(v, tuple) else v for n, v in asdict(self).items()}
 
 
 @dataclass(frozen=True)
@@ -131,6 +178,7 @@ class Diagnosis:
     evidence    log10 of the evidence for every cause
     gain        from the base to the extended drive
     sentence    the verdict for a plant engineer
+    rule        the line of the table of rules that decided, facts: what it was held against
     """
 
     estimate: Estimate
@@ -144,3 +192,5 @@ class Diagnosis:
     sentence: str
     exhibits: tuple[Exhibit, ...] = ()
     closest: tuple[str, ...] = ()
+    rule: str = ""
+    facts: Facts = Facts()

@@ -31,6 +31,7 @@ Budget = Annotated[float, typer.Option(
     "--error-budget", metavar="P", min=1e-6, max=0.5,
     help="Share of records without a cause on which one may be named, over all rounds.")]
 Rounds = Annotated[int, typer.Option("--rounds", metavar="N", min=1, help="Most causes that are looked for.")]
+Explain = Annotated[bool, typer.Option("--explain", help="Print the facts and the rule that made the verdict.")]
 Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Where the HTML page goes.")]
 
 
@@ -39,7 +40,7 @@ def command(
     error_budget: Budget = 0.01, rounds: Rounds = 3, seed: cli.Seed = 1, map: cli.Map = None,
     condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
     json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
-    quiet: cli.Quiet = False,
+    quiet: cli.Quiet = False, explain: Explain = False,
 ) -> None:
     """See HELP."""
     held = tuple(holdout or ())
@@ -54,12 +55,13 @@ def command(
         if candidates and not codes:
             raise BadOption("at least one cause after --candidates", f"'{candidates}'",
                             "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(recordings_in(held)), DiagnoseOptions(codes, error_budget, rounds, seed), report)
+        return run(job, len(recordings_in(held)), DiagnoseOptions(codes, error_budget, rounds, seed), report,
+                   explain)
 
     guarded("diagnose", work, debug, quiet)
 
 
-def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> int:
+def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:
     """Open, diagnose, deliver; the exit code.
 
     held  how many of the job's recordings only judge; the last ones
@@ -69,6 +71,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     from drivetool.drive.chain import is_constant
     from drivetool.files.diagnosis_file import diagnosis_file, sections_before
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
+    from drivetool.files.diagnosis_table import print_rule
     from drivetool.files.report_page import diagnosis_page
     from drivetool.files.write import write_whole
     from drivetool.identify.unused import used_by
@@ -101,7 +104,10 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None) -> in
     if report is not None:
         write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
         _told(job, f"wrote {report}")
-    return deliver(job, file, found.exhibits)
+    code = deliver(job, file, found.exhibits)
+    if explain:
+        print_rule(file)
+    return code
 
 
 def _told(job: Job, *lines: Sequence[str]) -> None:

@@ -38,7 +38,9 @@ def diagnosis_section(diagnosis: Diagnosis) -> shapes.DiagnosisSection:
         evidence={code: _number(value) for code, value in diagnosis.evidence.items()},
         gain=_gain(diagnosis.gain),
         candidates=[_candidate(each, n, drive) for n, one in rounds for each in one.candidates],
-        rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain(one.gain)) for n, one in rounds])
+        rounds=[shapes.RoundSection(round=n, cause=one.cause, gain=_gain(one.gain)) for n, one in rounds],
+        rule=diagnosis.rule, facts={n: _number(v) if isinstance(v, float) else v
+                                    for n, v in diagnosis.facts.plain().items()})
 
 
 def sections_before(sections: Mapping[str, shapes.ParameterSection],

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from drivetool.check.report.rules import RULES
 from drivetool.files import shapes
 from drivetool.files.report_words import STATES, VERDICTS, gain_of, smallest_words
 from drivetool.files.tables import short
@@ -34,6 +35,23 @@ def print_diagnosis(section: shapes.DiagnosisSection, console: Console) -> None:
     if section.gain is not None:
         for line in gain_lines(section.gain):
             console.print(Text(f"  {line}"))
+
+
+def print_rule(file: shapes.ParameterFile) -> None:
+    """On standard error: the facts, and the line of the table of rules that they met first."""
+    section, console = file.diagnosis, Console(stderr=True, highlight=False)
+    assert section is not None
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False, title=Text("facts"),
+                  title_justify="left")
+    table.add_column("fact", no_wrap=True)
+    table.add_column("value", overflow="fold")
+    for name, value in section.facts.items():
+        told = ", ".join(value) if isinstance(value, list) else short(value) if isinstance(value, float) else value
+        table.add_row(name, Text("-" if told in (None, "") else str(told)))
+    console.print(table)
+    rule = next(r for r in RULES if r.name == section.rule)
+    for word, text in (("rule", rule.name), ("when", rule.when), ("why", rule.reason), ("source", rule.source)):
+        console.print(Text(f"  {word}: {text}"))
 
 
 def candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -> Table:

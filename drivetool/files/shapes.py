@@ -208,6 +208,8 @@ class DiagnosisSection(Shape):
     gain: Annotated[GainSection | None, Meta(description="from the base to the extended drive")] = None
     candidates: list[CandidateSection] = []
     rounds: list[RoundSection] = []
+    rule: Annotated[str, Meta(description="the line of the table of rules that decided")] = ""
+    facts: Annotated[Plain, Meta(description="what the rules compare, see docs/explanation/diagnosis.md")] = {}
 
 
 class MeasureSection(Shape):

@@ -69,7 +69,8 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         (*findings, *more, *noise_findings),
         sources(task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
-        *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)))
+        *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)),
+        repeats="innovations-correlated" in {f.code for f in noise_findings})
 
 
 def _lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None, explanation: Explanation | None,

@@ -111,6 +111,7 @@ class Estimate:
     starts      how the starts agreed, where there was a choice
     explanation which explanation of the record was chosen, and why, in one sentence
     laws        torques that the motion foretells; no part of the drive
+    repeats     whether one-step errors are still correlated: something is left out
     """
 
     step: str
@@ -128,3 +129,4 @@ class Estimate:
     starts: Starts | None = None
     explanation: str = ""
     laws: tuple[FoundLaw, ...] = ()
+    repeats: bool = False

@@ -9,7 +9,8 @@ import pytest
 from drivetool.check import diagnose
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Round
 from drivetool.check.fit.remainder import Remainder
-from drivetool.check.report.judgement import UNEXPLAINED, changing
+from drivetool.check.report.rules import UNEXPLAINED
+from drivetool.check.report.story import changing
 from drivetool.check.search.result import Searched
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed

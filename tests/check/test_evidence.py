@@ -13,7 +13,6 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import Forecast, blocks_under_test, gain_of
 from drivetool.check.fit.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
-from drivetool.check.report.judgement import doubtful, spoils
 from drivetool.check.search import foretell, lines
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Tried
@@ -294,20 +293,6 @@ def test_what_is_known_to_look_alike_is_told_apart_by_its_whole_scatter_only():
     best = score(500.0, np.full(8, 100.0), code="speed-filter")
     lag = score(450.0, best.gains - [2.8, 6.5, 0.4, 0.4, 23.9, 2.2, -1.3, 2.6], code="converter-lag")
     assert ties(lag, best)
-
-
-@pytest.mark.parametrize(("left", "codes", "faults", "after", "doubted"), [
-    (0.0, (), (), 0.5, False),
-    (30.0, (), (), 0.5, True),  # halves that ask for other parameters
-    (0.0, ("innovations-correlated",), (), 0.5, True),
-    (0.0, ("innovations-correlated",), ("quantisation",), 0.5, False),  # rounding repeats where the motion is slow
-    (0.0, (), (), 1.3, True),
-    (0.0, (), (), 1.2, False)])
-def test_causes_that_leave_what_speaks_against_them_are_not_named(left, codes, faults, after, doubted):
-    search = SimpleNamespace(left=SimpleNamespace(time=left), faults=[SimpleNamespace(code=c) for c in faults])
-    estimate = SimpleNamespace(findings=[SimpleNamespace(code=c) for c in codes])
-    assert doubtful(search, estimate, told(after, 0.1)) == doubted
-    assert not spoils(told(1.3, 0.4))  # that may be scatter
 
 
 def test_what_no_sensor_measured_is_not_foretold():

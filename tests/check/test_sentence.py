@@ -6,13 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round, taken_for_noise
 from drivetool.check.faults.preflight import Fault
-from drivetool.check.fit.remainder import Remainder
-from drivetool.check.report.judgement import UNEXPLAINED, verdict_of
-from drivetool.check.report.sentence import experiment_of, sentence_of, taken_for_noise
+from drivetool.check.report.sentence import experiment_of, sentence_of
 from drivetool.check.report.story import _as_told, in_the_base
-from drivetool.check.search.result import Found
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Parameter
 
@@ -31,7 +28,7 @@ def gain(before, after):
     (60.0, 10.5, 0.10, False),  # little of what was there
 ])
 def test_a_name_is_doubted_where_implausible_noise_takes_the_place_of_much(before, after, share, doubted):
-    assert taken_for_noise(gain(before, after), share) is doubted
+    assert taken_for_noise(before, after, 1.0, share) is doubted
 
 
 def test_the_doubt_is_said_with_its_size_and_what_would_settle_it():
@@ -109,16 +106,6 @@ def test_an_error_of_free_runs_is_put_down_to_noise_or_to_half_a_record(met, sai
 def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begins):
     text = sentence_of("named", (causes, (), found), "", gain(27.0, 2.0), 0.01)
     assert text.startswith(begins) and ("free runs" in text) == bool(found)
-
-
-@pytest.mark.parametrize(("causes", "left", "verdict"), [
-    (("wrong-sign",), 0.5 * UNEXPLAINED, "named"), (("wrong-sign",), 2.0 * UNEXPLAINED, "unexplained"),
-    (("quantisation",), 2.0 * UNEXPLAINED, "named"), ((), 0.0, "nothing-found"),
-    ((), 2.0 * UNEXPLAINED, "unexplained")])
-def test_a_fault_of_the_record_does_not_hide_what_is_left(causes, left, verdict):
-    """No law was found; what rounding leaves repeats by itself."""
-    search = SimpleNamespace(unasked="", found=Found(), left=Remainder(left, 0.0, 0.0))
-    assert verdict_of(search, causes) == verdict
 
 
 @pytest.mark.parametrize(("faults", "severity", "text"), [

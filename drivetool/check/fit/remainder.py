@@ -34,6 +34,7 @@ TRACE = 1e-6  # of what is known of a start state
 ROUGHLY = 1e-9  # of the best known direction, below which rounding decides
 SURE = 6.0  # standard deviations of a chi-square above its mean, below which nothing is said
 ROUNDS = 5  # of a fit to a record that is made up
+LEFT, LITTLE = 0.15, 10.0  # of the gain, and log likelihood, that may be left over for a name to be trusted
 ROUNDED = 1.5  # by which the rounding of a logger may leave more than in a record that is made up
 
 
@@ -75,6 +76,11 @@ def remainder(model: Model, held: Masks = ()) -> Remainder:
     rounding = _left(model, _logged_again(model, steps), held)
     return Remainder(*(max(0.0, getattr(found, name) - ROUNDED * getattr(rounding, name))
                        for name in ("memory", "size", "place", "time")))
+
+
+def much_left(left: float, gained: float) -> bool:
+    """Whether too much is still to be had for a name to be trusted; both log likelihoods."""
+    return left > max(LEFT * gained, LITTLE)
 
 
 def faked(base: Model, cause: Model, masks: Masks) -> float:

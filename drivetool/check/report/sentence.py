@@ -7,24 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.diagnosis import UNLISTED, Gain
+from drivetool.check.diagnosis import LOUD, UNLISTED, Gain
 from drivetool.check.search.decide import experiment_between
-
-LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
-REST = 0.25  # of the error before, from which on what is left is much
-IMPLAUSIBLE = 0.03  # of the torque's spread, from which a noise of the torque may be a law that is missing
-
-
-def taken_for_noise(gain: Gain, share: float, loud: float = LOUD) -> bool:
-    """Whether a noise of the torque that is hardly one stands in for much of what was there.
-
-    Then a law that is in no catalogue may hide behind it: one-step errors cannot tell the two apart.
-    share  std of the torque's noise over the spread of the torque
-    loud   sensor noises that the error of free runs must exceed
-    """
-    after = gain.held_out_rmse_after
-    return (after > loud * gain.noise_floor and after > REST * gain.held_out_rmse_before
-            and share > IMPLAUSIBLE)
 
 
 def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = (),

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.causes.starts import torque_size
 from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions, Diagnosis, Gain, Round
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import finding_of, told_apart
 from drivetool.check.fit.model import stands_in
 from drivetool.check.report.exhibits import exhibits_of
+from drivetool.check.report.facts import facts_of
 from drivetool.check.report.hum import hum
-from drivetool.check.report.judgement import changing, judged, spoils
 from drivetool.check.report.model_run import run_model
 from drivetool.check.report.rattle import confirmed
+from drivetool.check.report.rules import DIFFERS, UNEXPLAINED, judged, spoils
 from drivetool.check.report.sentence import experiment_of, sentence_of
 from drivetool.check.report.view import view_of
 from drivetool.check.report.which_body import untold_bodies
@@ -43,9 +43,9 @@ FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first
 def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
     gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
-    found = judged(search, estimate, gain, share)
-    if search.found.causes and spoils(gain):
+    facts = facts_of(search, estimate, gain)
+    found = judged(facts)
+    if facts.causes and spoils(facts):
         search = search.given_up()
         gain, estimate = search.total_gain(), estimate_of(search, before, options)
     if UNLISTED in found.between:
@@ -55,22 +55,20 @@ def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis
     hums = hum(search.whole, gain.unit) if found.doubt or found.verdict == "unexplained" else []
     experiment = experiment_of(found.between, found.verdict, bool(task.drive.shafts), task.roles.outputs,
                                found.doubt, bool(causes))
-    sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain, share,
-                           estimate.fit.get("rmse", np.inf), found.doubt, in_the_base(search.rounds, estimate))
+    sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain,
+                           facts.torque_noise, estimate.fit.get("rmse", np.inf), found.doubt,
+                           in_the_base(search.rounds, estimate))
     said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *untold_bodies(search), *hums)
     if search.change is not None:
         said = (*said, finding_of(search.change, search.model))
-        if found.verdict in ("unexplained", "nothing-found") and not causes:
-            found, experiment = replace(found, verdict="unexplained"), said[-1].action
-            sentence = told_apart(search.change, search.model)
-    lost = found.verdict == "unexplained"
+        if found.rule == DIFFERS:
+            experiment, sentence = said[-1].action, told_apart(search.change, search.model)
     return Diagnosis(
         replace(estimate, findings=(*said, *(_as_told(f, search.faults) for f in estimate.findings)),
                 outcome=sentence), found.verdict,
-        tuple(dict.fromkeys(f.code for f in search.faults)) if lost else found.causes,
-        found.between if found.verdict == "undetermined" else (), experiment,
+        found.causes, found.between, experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
-        causes if lost else ())
+        causes if found.verdict == "unexplained" else (), found.rule, facts)
 
 
 def _as_told(finding: Finding, faults: Sequence[Fault]) -> Finding:
@@ -89,6 +87,18 @@ def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
     had = [c.code for c in rounds[0].candidates if c.state == "in-the-model"] if rounds else []
     # An idle torque that the base has is its own, and no offset of a sensor.
     return [c for c in had if c != "torque-offset" and any(CAUSES[c].has(p.name) for p in shown)]
+
+
+def changing(search: Searched) -> list[Finding]:
+    """What to say where the halves of the records ask for different parameters."""
+    if search.left.time <= UNEXPLAINED:
+        return []
+    return [Finding(
+        "warning", "parameters-change",
+        "The first half of the records asks for other parameters than the second: something changes while it is "
+        "recorded, with temperature or wear, say, or a law is missing that the halves show differently.",
+        {"log_likelihood": float(search.left.time)},
+        "Fit halves by themselves to see which, and record after warming up.")]
 
 
 def _doubting(one: Round, code: str) -> Round:

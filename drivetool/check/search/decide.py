@@ -19,7 +19,6 @@ SHARE = 0.5  # of the best gain that a tie must have
 AHEAD = 30.0  # log likelihood on the whole record by which a cause is no longer like another one
 MUCH = 0.1  # of its lead over the base, the same: no law is exact to less
 SURPLUS = 2.0  # log likelihood that each further parameter of a law must bring over its special case
-LEFT = 0.15  # of the gain that may be left over by a cause that is named with confidence
 
 NEEDS = "Record what tells them apart: "
 

@@ -14,10 +14,9 @@ import numpy as np
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.causes.starts import torque_size
-from drivetool.check.diagnosis import CandidateResult
+from drivetool.check.diagnosis import CandidateResult, taken_for_noise
 from drivetool.check.fit.heldout import lead_in_blocks, score
 from drivetool.check.fit.model import BROKEN, sensor_std
-from drivetool.check.report.sentence import taken_for_noise
 from drivetool.check.search.absence import law_of
 from drivetool.check.search.attempt import attempt, screen
 from drivetool.check.search.begin import stand_at
@@ -42,7 +41,8 @@ def doubtful(result: Searched) -> bool:
     gain, model = result.total_gain(), result.model
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
     share = model.noise.ratio * sensor_std(model) / torque_size(result.first.model)
-    return spoilt or taken_for_noise(gain, share, LOUD)
+    return spoilt or taken_for_noise(
+        gain.held_out_rmse_before, gain.held_out_rmse_after, gain.noise_floor, share, LOUD)
 
 
 def together(search: Search, path: Sequence[Expansion]) -> tuple[list[Expansion], str] | None:

@@ -13,13 +13,11 @@ from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import Forecast, forecast, gain_of, unexplained_percent
 from drivetool.check.fit.heldout import Fold
 from drivetool.check.fit.model import Model, sensor_std
-from drivetool.check.fit.remainder import Remainder, remainder
+from drivetool.check.fit.remainder import Remainder, much_left, remainder
 from drivetool.check.fit.samples import Split
 from drivetool.errors import Finding
 from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
-
-LEFT, LITTLE = 0.15, 10.0  # of the gain, and log likelihood, that may be left over for a name to be trusted
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ class Searched:
     @property
     def confident(self) -> bool:
         """Whether little enough is left over for a name to be trusted."""
-        return self.left.total <= max(LEFT * self.found.gained, LITTLE)
+        return not much_left(self.left.total, self.found.gained)
 
     def total_gain(self) -> Gain:
         """From the first base to the last model."""
