@@ -216,7 +216,7 @@ def with_shaft_scale(asked: Asked, search: Searched, records: Sequence[Experimen
     found = scale_beside(search, records) if "wrong-scale" in asked.wanted else None
     if found is None:
         return search
-    factor = found.factor * (blamed[0].finding.evidence["factor"] if blamed else 1.0)
+    factor = found.factor * (blamed[0].factor if blamed else 1.0)
     faults = [f for f in search.faults if f not in blamed]
     if abs(factor - 1.0) > max(SCALE, BLAMED * found.std):
         faults.insert(0, scale_fault(factor, abs(factor) * found.std / found.factor))
@@ -241,7 +241,7 @@ def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment],
 
 def with_filter(drive: Drive, free: Sequence[str], faults: Sequence[Fault]) -> tuple[Drive, tuple[str, ...]]:
     """The drive with the filter that a speed is behind, to be fitted with the rest."""
-    lags = [f.finding.evidence["lag"] for f in faults if f.code == "speed-filter"]
+    lags = [f.lag for f in faults if f.lag is not None]
     if not lags:
         return drive, tuple(free)
     return drive.with_values({"sensor.bandwidth": 1.0 / float(np.mean(lags))}), (*free, "sensor.bandwidth")

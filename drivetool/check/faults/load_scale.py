@@ -32,7 +32,7 @@ def load_scale(records: Sequence[Experiment], drive: Drive, free: Sequence[str],
     records  with the scale undone
     begun    values that the fit of the drive started from: a wrong channel may have led it far astray
     """
-    blamed = [f for f in faults if "gear" in f.finding.evidence]
+    blamed = [f for f in faults if f.gear is not None]
     name = f"{drive.shafts[-1]}.ratio" if drive.shafts else ""
     if not blamed or name in free:
         return tuple(records), list(faults)
@@ -50,11 +50,11 @@ def load_scale(records: Sequence[Experiment], drive: Drive, free: Sequence[str],
     found = []
     for f in faults:
         if f in blamed:
-            e = next(e for e in records if f.finding.text.startswith(f"{e.name}:"))
-            factor = f.finding.evidence["factor"] * change
-            f = load_fault(e, f.code, factor, abs(factor) * float(std[at]) / ratio, f.finding.evidence["gear"])
+            e = next(e for e in records if e.name == f.record)
+            factor = f.factor * change
+            f = load_fault(e, f.code, factor, abs(factor) * float(std[at]) / ratio, f.gear or 1.0)
         found.append(f)
-    told = {f.finding.text.partition(":")[0] for f in blamed}
+    told = {f.record for f in blamed}
     return tuple(load_over(e, change) if e.name in told else e for e in records), found
 
 

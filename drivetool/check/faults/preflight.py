@@ -28,13 +28,20 @@ LATE = 0.1  # samples of delay below which a speed is not called late
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of the record: code of the cause, and the finding with the numbers behind it.
+    """A fault of the record, which is read off it and has no likelihood ratio.
 
-    It has no likelihood ratio: it is read off the record, not found by a fit.
+    code    of the cause; finding: what to say
+    record  name of the record; empty: all of them
+    factor  of a channel over what it should be; gear: by which the load was held against the motor
+    lag     of a filtered speed [s]
     """
 
     code: str
     finding: Finding
+    record: str = ""
+    factor: float = 1.0
+    gear: float | None = None
+    lag: float | None = None
 
 
 def preflight(experiments: Sequence[Experiment], wanted: Sequence[str], turns: float = 1.0,
@@ -182,7 +189,8 @@ def load_fault(e: Experiment, code: str, factor: float, error: float, gear: floa
         f"{e.name}: the logged {there[0].replace('_', ' ')} is {factor:.4g} times what the "
         f"{here[0].replace('_', ' ')} says, by a gear of {gear:.4g}.",
         {"factor": float(factor), "std": float(error), "gear": float(gear)},
-        "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio."))
+        "Correct sign, unit or scale of the load's channel in the channel map, or the gear's ratio."),
+        e.name, factor, gear)
 
 
 def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
@@ -194,7 +202,7 @@ def _filtered(e: Experiment, wanted: Sequence[str]) -> list[Fault]:
         "note", "speed-filter",
         f"{e.name}: the logged motor speed comes {1000.0 * late.lag:.3g} ms after the rate of the logged motor "
         "angle, as behind a low-pass.", {"lag": late.lag, "std": late.std},
-        "Log the speed before its filter, or take the angle."))]
+        "Log the speed before its filter, or take the angle."), e.name, lag=late.lag)]
 
 
 def _plain(factor: float, error: float) -> tuple[float, float]:

@@ -103,7 +103,8 @@ def scale_fault(factor: float, error: float) -> Fault:
         "warning", code,
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
-        "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."))
+        "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."),
+        factor=factor)
 
 
 def scale_of(model: Model, measured: np.ndarray, step: float) -> tuple[float, float]:
