@@ -137,9 +137,14 @@ def _promising(best: Model, held: Model, told: Sequence[str]) -> list[str]:
 def words_of(change: Change, model: Model) -> str:
     """What the records held out ask for, in one clause."""
     drive = model.task.drive
-    each = [f"{n} {after:.3g} instead of {before:.3g} {drive.unit(n)}".rstrip()
-            for n, (before, after) in change.values.items()]
+    each = [f"{n} {after:.{_digits(before, after)}g} instead of {before:.{_digits(before, after)}g} "
+            f"{drive.unit(n)}".rstrip() for n, (before, after) in change.values.items()]
     return f"{' and '.join(change.records)} asks for {', '.join(each)}, all other values held"
+
+
+def _digits(one: float, other: float) -> int:
+    """Digits in which two values are seen to differ, at least three."""
+    return max(3, 2 + int(np.log10(max(abs(one), abs(other)) / max(abs(one - other), 1e-12 * abs(one) + 1e-300))))
 
 
 def told_apart(change: Change, model: Model) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
@@ -42,7 +43,8 @@ def _further(shafts: bool, logged: Sequence[str]) -> str:
 
 
 def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequence[str]], unasked: str, gain: Gain,
-                share: float, met: float = np.inf, doubt: str = "", had: Sequence[str] = ()) -> str:
+                share: float, met: float = np.inf, doubt: str = "", had: Sequence[str] = (),
+                sizes: Mapping[str, str] = MappingProxyType({})) -> str:
     """The verdict for a plant engineer.
 
     codes    what is certain, what it is between, and all that was found, in the order found
@@ -51,6 +53,7 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     met      rms error of free runs of what was fitted to the whole record
     doubt    why it may yet be something that is in no catalogue; empty: the torque's noise
     had      causes that the base has already
+    sizes    cause -> how large it is, in words
     """
     causes, between, found = codes
     words = _and(causes)
@@ -64,9 +67,10 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
         if not found:
             return (f"The record is at fault, not the simulation: {faults}. Apart from that it holds nothing "
                     "beyond noise that a cause in the catalogue would explain.")
-        laws = _and([c for c in causes if c in found])
+        laws = [c for c in causes if c in found]
+        told = " and ".join(_said(c) + (f", {sizes[c]}" if c in sizes else "") for c in laws)
         first = f"The record is at fault: {faults}. Beside that the" if faults else "The"
-        return f"{first} simulation lacks {laws}: {better}{left}{_loud(gain, met, share)}."
+        return f"{first} simulation lacks {told}. {_off(gain, len(laws))}{left}{_loud(gain, met, share)}."
     if verdict == "undetermined":
         if doubt:
             faults, laws = ([c for c in causes if (c in found) == law] for law in (False, True))
@@ -96,6 +100,15 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     own = f" The drive it was given has {_and(had)} already." if had else ""
     return ("Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would "
             f"explain.{own}")
+
+
+def _off(gain: Gain, laws: int) -> str:
+    """How far off the simulation is without what was found, and with it."""
+    what = "position" if "/" not in gain.unit else "speed"
+    them = "it" if laws == 1 else "them"
+    before, after = (f"{e:.3g} {gain.unit}" for e in (gain.held_out_rmse_before, gain.held_out_rmse_after))
+    return (f"Without {them} the simulated {what} is off by {before} over data held out, with {them} by {after}, "
+            f"in free runs of {gain.segment:.3g} s")
 
 
 def _said(code: str) -> str:

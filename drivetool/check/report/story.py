@@ -20,6 +20,7 @@ from drivetool.check.report.model_run import run_model
 from drivetool.check.report.rattle import confirmed
 from drivetool.check.report.rules import DIFFERS, UNEXPLAINED, judged, spoils
 from drivetool.check.report.sentence import experiment_of, sentence_of
+from drivetool.check.report.size import sizes_of
 from drivetool.check.report.view import view_of
 from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import Drive
@@ -57,7 +58,8 @@ def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis
                                found.doubt, bool(causes))
     sentence = sentence_of(found.verdict, (found.causes, found.between, causes), search.unasked, gain,
                            facts.torque_noise, estimate.fit.get("rmse", np.inf), found.doubt,
-                           in_the_base(search.rounds, estimate))
+                           in_the_base(search.rounds, estimate),
+                           sizes_of(search.found, estimate, search.first.model))
     said = (*(f.finding for f in search.faults), *search.notes, *changing(search), *untold_bodies(search), *hums)
     if search.change is not None:
         said = (*said, finding_of(search.change, search.model))
