@@ -1,0 +1,39 @@
+"""What the study of names takes for right, open and wrong, and that its further records are of the same machine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.hidden.command import Answer
+from tests.study.study_names import FAIR, another, given
+from tests.study.two_masses.laws import LAWS
+from tests.study.two_masses.record import arrange
+
+
+def test_every_law_has_its_fair_names():
+    assert set(FAIR) == set(LAWS)
+
+
+@pytest.mark.parametrize(("situation", "verdict", "causes", "between", "grade"), [
+    ("quiet", "nothing-found", (), (), "right"), ("quiet", "named", ("quantisation",), (), "right"),
+    ("quiet", "named", ("load-step",), (), "false-alarm"), ("quiet", "unexplained", (), (), "false-alarm"),
+    ("motor.drag", "named", ("quadratic-drag",), (), "right"), ("motor.drag", "nothing-found", (), (), "missed"),
+    ("motor.drag", "named", ("quadratic-drag", "load-step"), (), "wrong"),
+    ("motor.drag", "undetermined", (), ("quadratic-drag", "friction-drift"), "open"),
+    ("motor.drag", "undetermined", (), ("friction-drift", "load-step"), "wrong"),
+    ("motor.drag", "undetermined", ("load-step",), ("quadratic-drag", "unlisted"), "wrong"),
+    ("motor.drag", "unexplained", (), (), "unexplained"), ("motor.crank", "unexplained", (), (), "right"),
+    ("motor.crank", "undetermined", (), ("imbalance", "unlisted"), "open"),
+    ("motor.crank", "named", ("imbalance",), (), "wrong"),
+    ("gap+load.dry", "named", ("coulomb-load",), (), "right"), ("load.dry", "failed", (), (), "failed")])
+def test_what_is_right(situation, verdict, causes, between, grade):
+    assert given(situation, Answer(verdict, causes, between)) == grade
+
+
+def test_a_further_record_is_of_the_same_machine_under_the_same_law():
+    setup, law = arrange("motor.cogging", "L", 3, 5, 1.0)
+    first, second = (another(setup, law, "motor.cogging", count, 9) for count in (4, 6))
+    assert first.machine is second.machine is setup.machine
+    assert set(first.channels) == set(second.channels)
+    assert not np.allclose(first.channels["motor_torque"], second.channels["motor_torque"])
