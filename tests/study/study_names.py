@@ -48,8 +48,8 @@ from tests.study.two_masses.record import (
 PER_LAW, PER_RIGHT = 2, 6
 SIZES = ("M", "L")
 # The names of the catalogue that are fair for a law, and no others. A friction by direction is dry friction and a
-# constant torque as far as it does not depend on the speed; what is added to friction of the load is dry friction on
-# average. Cranks, eccentric sensors and noise on the log are in no catalogue: there no name is right.
+# constant torque as far as it does not depend on the speed; what is added to friction of the load is dry friction
+# on average. Cranks, eccentric sensors and noise on the log are in no catalogue: there no name is right.
 FAIR: Mapping[str, set[str]] = {
     "motor.asymmetry": {"asymmetric-friction", "coulomb-motor"},
     "load.asymmetry": {"asymmetric-friction", "coulomb-load"},
