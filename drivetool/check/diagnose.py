@@ -30,7 +30,7 @@ from drivetool.check.fit.samples import split_of
 from drivetool.check.report.rules import UNEXPLAINED
 from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
-from drivetool.check.search.result import Base, Searched
+from drivetool.check.search.result import Base, Searched, fitted_to_all
 from drivetool.check.search.search import Search
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
@@ -159,8 +159,8 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     first = origin if len(asked.free) == len(asked.given[1]) else search.base(
         from_start(task_of(train, *asked.given, roles)))
     result = look(search, first, faults, asked.notes, train)
-    if result.found.causes and first is origin:
-        result = replace(result, first=as_given(search, first, elsewhere))
+    if result.found.causes:
+        result = replace(result, first=stated_over(search, first, elsewhere if first is origin else ()))
     # Not before: a law that is missing asks for other values in every record, too.
     change = result.change and change_between(origin.folds[0].trained, origin.folds)
     long = sum(e.step * (b - a) for e in train for a, b in e.segments) >= SHORTEST
@@ -169,17 +169,16 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     return result
 
 
-def as_given(search: Search, first: Base, elsewhere: Sequence[Model]) -> Base:
+def stated_over(search: Search, first: Base, elsewhere: Sequence[Model]) -> Base:
     """The base that gains are stated over: refitted, or elsewhere, unfitted, where that foretells better.
 
     A base that is fitted again may bend its parameters for the law that it lacks, and foretell less than the file.
     """
-    for model in elsewhere:
+    found = []
+    for model in (first.model, *elsewhere):
         with suppress(*BROKEN):
-            whole = search.whole(model)
-            given = Base(model, tuple(replace(fold, trained=whole) for fold in first.folds))
-            first = min((first, given), key=lambda b: b.foretold.rmse)
-    return first
+            found.append(fitted_to_all(model, search.split, first))
+    return min(found, key=lambda b: b.foretold.rmse, default=first)
 
 
 def stands(task: Task, asked: Asked) -> tuple[Model, tuple[Model, ...]]:

@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
-# Factors by which a gain differs between records beyond what blocks say (docs/evidence/diagnosis.md).
-LESS, MORE = 2.0, 4.0
+# By which what a base errs for want of a cause differs between records (docs/evidence/diagnosis.md).
+BETWEEN = 1.75
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
 REST = 0.25  # of the error before, from which on what is left is much
@@ -68,7 +68,8 @@ class CandidateResult:
 class Gain:
     """How much better the model predicts, in free runs of `segment` seconds over data held out.
 
-    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent
+    rmse_before, rmse_after  of the first output, in `unit`; fit_*: percent. Before: by the base as it was fitted to
+                             all samples that are no judges; after: by what was fitted without the samples it meets
     rmse_std                 standard error of the difference before - after, from the scatter over blocks
     rmse_bar                 what such a difference is weighed against: standard error of the difference of the mean
                              squares over the sum of both errors; rmse_std where the errors differ little, and up to
@@ -95,19 +96,22 @@ class Gain:
         """95 % interval of before - after on a further record of this length; None where nothing scatters.
 
         Two things set it apart from this one. Blocks scatter, on the further record as much as on this one, with a
-        standard error that is itself estimated from so many (Student's t). And what a base without its cause errs
-        is no noise: it depends on what the record asks of the machine, by a factor, and more often it errs more,
-        since its parameters make up for the cause on the record that they were fitted to. The distances of both
-        limits are added as squares, side by side (Zou and Donner, Statistics in Medicine 27, 2008, 1693).
+        standard error that is itself estimated from so many (Student's t). And what the worse of both models errs
+        beyond the better is no noise: it depends on what the record asks of the machine, by a factor. Errors add as
+        squares. The distances of both limits are added as squares, too, side by side (Zou and Donner, Statistics in
+        Medicine 27, 2008, 1693).
         """
         if self.blocks < 2 or not self.rmse_std > 0.0:
             return None
         blocks = float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        low, high = sorted((self.held_out_rmse_before, self.held_out_rmse_after))
+        beyond = np.sqrt(high**2 - low**2)
+        ends = [float(np.hypot(low, beyond * factor)) - low for factor in (1.0 / BETWEEN, BETWEEN)]
         better = self.held_out_rmse_before - self.held_out_rmse_after
-        less, more = abs(better) * (1.0 - 1.0 / LESS), abs(better) * (MORE - 1.0)
         if better < 0.0:
-            less, more = more, less
-        return better - float(np.hypot(blocks, less)), better + float(np.hypot(blocks, more))
+            ends = [-ends[1], -ends[0]]
+        return (better - float(np.hypot(blocks, better - ends[0])),
+                better + float(np.hypot(blocks, ends[1] - better)))
 
 
 def taken_for_noise(before: float, after: float, floor: float, share: float, loud: float = LOUD) -> bool:

@@ -172,8 +172,9 @@ class GainSection(Shape):
 
     unit: Annotated[str, Meta(description="of rmse, its std and the noise floor")]
     segment: Annotated[Number, Meta(description="length of the free runs in s")] = None
-    held_out_rmse_before: Number = None
-    held_out_rmse_after: Number = None
+    held_out_rmse_before: Annotated[Number, Meta(description="of the base, fitted to all that is no judge")] = None
+    held_out_rmse_after: Annotated[
+        Number, Meta(description="of the extended drive, fitted without what it is run over")] = None
     rmse_std: Annotated[Number, Meta(description="standard error of rmse before - after")] = None
     rmse_gain_ci95: Annotated[tuple[Number, Number] | None, Meta(
         description="95 % interval of rmse before - after on a further record of the same length")] = None

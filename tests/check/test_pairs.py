@@ -37,7 +37,7 @@ def test_what_leaves_much_or_hides_it_in_an_unlikely_noise_is_doubtful(
     gain = SimpleNamespace(
         held_out_rmse_before=before * NOISE, held_out_rmse_after=after * NOISE, noise_floor=NOISE)
     result = SimpleNamespace(found=SimpleNamespace(causes=causes), confident=confident,
-                             left=SimpleNamespace(total=left), total_gain=lambda: gain, first=SimpleNamespace(
+                             left=SimpleNamespace(total=left), judged_gain=lambda: gain, first=SimpleNamespace(
                                  model=None), model=SimpleNamespace(noise=SimpleNamespace(ratio=share / NOISE)))
     assert doubtful(result) is expected
 

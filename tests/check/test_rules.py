@@ -147,7 +147,8 @@ def gathered(monkeypatch):
         monkeypatch.setattr(gathering, "error_by_noise", lambda *_: 0.7)
         monkeypatch.setattr(gathering, "share_by_speed", lambda _: 0.4)
         estimate = SimpleNamespace(noise={"torque_std": 2.0 * torque}, repeats=repeats)
-        return facts_of(search, estimate, Gain("rad/s", 1.5, before, after, 90.0, 95.0, 0.05, 0.06, 0.02, 12.0))
+        search.judged_gain = lambda: Gain("rad/s", 1.5, before, after, 90.0, 95.0, 0.05, 0.06, 0.02, 12.0)
+        return facts_of(search, estimate)
     return of
 
 

@@ -40,8 +40,6 @@ def test_a_gap_beside_stribeck_friction_of_which_neither_shows_alone(tmp_path):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="the load's friction alone is found, rightly, and unlisted beside it: "
-                   "halves of the record differ by 29.9 where 25 is the bound")
 def test_what_rounding_leaves_is_no_sign_of_another_law(tmp_path):
     """Dry friction beside coarse steps: motor and load look alike, but nothing else is missing."""
     answer, _ = answered(("quantisation", "coulomb-load"), 100015, tmp_path, "coulomb-load,quantisation",

@@ -31,7 +31,7 @@ FACTS: Mapping[str, str] = MappingProxyType({
     "left": "log likelihood that one-step errors still ask for, beyond what chance gives",
     "left_time": "the same by values of its own for each half of the records",
     "repeats": "whether one-step errors of the last fit are correlated",
-    "before": "rms error of free runs over data held out, without the laws found",
+    "before": "rms error of free runs over data held out without the laws found, fitted to the same samples",
     "after": "the same with them",
     "scatter": "what a difference of these errors is weighed against, from their scatter over blocks",
     "floor": "noise of the sensor alone, in the same unit",
@@ -44,9 +44,9 @@ FACTS: Mapping[str, str] = MappingProxyType({
 })
 
 
-def facts_of(search: Searched, estimate: Estimate, gain: Gain) -> Facts:
-    """The facts of a search, the last fit of what it found, and the gain of that over the base."""
-    found = search.found
+def facts_of(search: Searched, estimate: Estimate) -> Facts:
+    """The facts of a search and of the last fit of what it found."""
+    found, gain = search.found, search.judged_gain()
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
     changes = sum(n.endswith(TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
     return Facts(

@@ -44,7 +44,7 @@ FEW, MANY = 3, 12  # rounds of the last fit, and of a second one where the first
 def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis:
     """The diagnosis of a finished search."""
     gain, estimate = search.total_gain(), estimate_of(search, before, options)
-    facts = facts_of(search, estimate, gain)
+    facts = facts_of(search, estimate)
     found = judged(facts)
     if facts.causes and spoils(facts):
         search = search.given_up()

@@ -26,8 +26,8 @@ STEPS = "the steps of the logger would show as much"
 
 
 def against(decision: Decision, scores: Sequence[Score], base: Base, split: Split, gained: float, budget: float,
-            wanted: Collection[str]) -> tuple[Decision, Gain | None, dict[str, str]]:
-    """(the decision without causes that data held out speak against, gain of the best, those and why).
+            wanted: Collection[str]) -> tuple[Decision, dict[str, str]]:
+    """(the decision without causes that data held out speak against, those and why).
 
     A law that gains little beside those before it, and mends single steps but spoils the run, or gains in one place
     only, makes up for what they are not exact in; one that records made up without it show as well makes up for the
@@ -36,22 +36,20 @@ def against(decision: Decision, scores: Sequence[Score], base: Base, split: Spli
     gained  log likelihood by what was found before; wanted: the causes that may be named
     """
     said: dict[str, str] = {}
-    left: list[tuple[Score, Gain]] = []
+    left: list[Score] = []
     tied = [s for s in scores if s.model.code in decision.between]
     # One that was asked for first, where that is as good as one that was not.
     for s in sorted(tied, key=lambda s: (s.model.code not in wanted, -s.gain)):
         if not left and said and total_evidence([s], gained) < np.log(1.0 / budget):
             continue
-        stage = gain_between(base, s.trained, split, gained + s.gain)
-        why = _why_not(s, stage, base, gained)
+        why = _why_not(s, gain_between(base, s.trained, split, gained + s.gain), base, gained)
         if why:
             said[s.model.code] = why
         else:
-            left.append((s, stage))
+            left.append(s)
     if not left:
-        return replace(decision, best=None, between=()), None, said
-    best, stage = left[0]
-    return replace(decision, best=best, between=tuple(c for c in decision.between if c not in said)), stage, said
+        return replace(decision, best=None, between=()), said
+    return replace(decision, best=left[0], between=tuple(c for c in decision.between if c not in said)), said
 
 
 def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:

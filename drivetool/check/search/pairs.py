@@ -38,7 +38,7 @@ def doubtful(result: Searched) -> bool:
         return True
     if not result.found.causes and result.left.total == 0.0:  # one-step errors are white: that noise is one
         return False
-    gain, model = result.total_gain(), result.model
+    gain, model = result.judged_gain(), result.model
     spoilt = gain.held_out_rmse_after > (1.0 + SPOILT) * gain.held_out_rmse_before
     share = model.noise.ratio * sensor_std(model) / torque_size(result.first.model)
     return spoilt or taken_for_noise(

@@ -11,7 +11,7 @@ from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import Change
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import Forecast, forecast, gain_of, unexplained_percent
-from drivetool.check.fit.heldout import Fold
+from drivetool.check.fit.heldout import Fold, extended
 from drivetool.check.fit.model import Model, sensor_std
 from drivetool.check.fit.remainder import Remainder, much_left, remainder
 from drivetool.check.fit.samples import Split
@@ -68,7 +68,8 @@ class Base:
 class Searched:
     """The end of a search.
 
-    first    base that gains are stated over; origin: that the search began with
+    first    base that gains are stated over, by the fit to all training samples; origin: that the search began
+             with, trained in every fold as the causes are, so that like is judged by like
     model    the last one, over the training samples; whole: over all records
     trained  per fold the last model
     rounds   what was tried and found
@@ -104,14 +105,22 @@ class Searched:
         return not much_left(self.left.total, self.found.gained)
 
     def total_gain(self) -> Gain:
-        """From the first base to the last model."""
-        gain = gain_between(self.first, self.trained, self.split)
+        """From the first base to the last model, as it is stated."""
+        return self._gain_over(self.first)
+
+    def judged_gain(self) -> Gain:
+        """The same from the base that was trained on the same samples as the last model."""
+        return self._gain_over(self.origin)
+
+    def _gain_over(self, base: Base) -> Gain:
+        gain = gain_between(base, self.trained, self.split)
         return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
 
     def given_up(self) -> Searched:
         """On the first base again: what was found spoils free runs, and is nobody's model of the machine."""
         whole = self.first.folds[0].trained if self.split.held_out else self.first.model
-        return replace(self, model=self.first.model, whole=whole, trained=self.first.trained, found=Found(),
+        return replace(self, model=self.first.model, whole=whole, origin=self.first, trained=self.first.trained,
+                       found=Found(),
                        left=remainder(whole, self.split.held))
 
     def without(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> Searched:
@@ -123,6 +132,16 @@ class Searched:
         problem = replace(self.model.problem, traces=traces_of(experiments, task.roles))
         return replace(self, faults=faults, train=tuple(experiments),
                        model=replace(self.model, task=task, problem=problem))
+
+
+def fitted_to_all(model: Model, split: Split, base: Base) -> Base:
+    """A base whose free runs are those of the fit to all training samples, whatever the folds hold out.
+
+    That is what a user has. Fitted to half of the samples it would bend further for the law that it lacks, and err
+    more on the other half than on a further record.
+    """
+    whole = extended(model, split)
+    return Base(model, tuple(replace(fold, trained=whole) for fold in base.folds))
 
 
 def gain_between(before: Base, after: Sequence[Model], split: Split, gained: float = 0.0) -> Gain:

@@ -28,7 +28,7 @@ from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
 from drivetool.check.search.imitation import imitates
 from drivetool.check.search.lines import lines_of
-from drivetool.check.search.result import Base, gain_between
+from drivetool.check.search.result import Base, fitted_to_all, gain_between
 from drivetool.progress import counted
 
 WORKERS = 2
@@ -137,17 +137,16 @@ class Search:
             more = self._tried(node, [c for c in FITTED if c.code in unseen], True, ())
             scores = [*scores, *self._judged(node, more)]
             decision = decide(scores, budget, node.gained, imitates)
-        decision, stage, why = against(decision, scores, self.base(node.model), self.split, node.gained, budget,
-                                       self.wanted) if scores else (decision, None, {})
+        decision, why = against(decision, scores, self.base(node.model), self.split, node.gained, budget,
+                                       self.wanted) if scores else (decision, {})
         lines = lines_of([t for t in tried if t.cause.code in self.wanted], scores, decision, node.model,
                          node.gained, why)
         found = Expansion(node, tuple(tried), tuple(scores), decision, lines)
         if decision.best is None:
             return found
         child = self._child(node, decision.best)
-        if child.trained is not decision.best.trained:
-            stage = gain_between(self.base(node.model), child.trained, self.split, child.gained)
-        return replace(found, child=child, stage=stage)
+        before = fitted_to_all(node.model, self.split, self.base(node.model))
+        return replace(found, child=child, stage=gain_between(before, child.trained, self.split, child.gained))
 
     def _tried(self, node: Node, among: Sequence[Cause], asked: bool, ends: Sequence[Model]) -> list[Tried]:
         """The causes on top of a node, those fitted that are worth it, the leader first."""
