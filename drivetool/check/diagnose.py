@@ -93,6 +93,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     mended, faults = load_scale(mended, drive, free, faults, begun)
     notes = fine_steps(logged) if "quantisation" in wanted else []
     blamed: list[Fault] = []
+    trusting = (mended, drive, faults)
     try:
         mended, drive, blamed = shaft_fault(mended, drive, free, wanted, begun)
         faults += blamed
@@ -107,7 +108,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         # What was commanded before the record comes through in it: nobody knows what that was.
         mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
         search = looked_again(asked, search, mended, drive, faults)
-    search = with_shaft_scale(asked, search, mended, blamed)
+    search = trusted(asked, with_shaft_scale(asked, search, mended, blamed), *trusting)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
         search = search.without(*without_surprises(search.model, search.train))
     return tell(search, drive, options)
@@ -155,12 +156,11 @@ def searched(asked: Asked, records: Sequence[Experiment], drive: Drive, faults: 
     root, elsewhere = stands(task_of(train, drive, asked.free, roles), asked)
     wanted, possible = (not_ruled_out(codes, records) for codes in (asked.wanted, tuple(CAUSES)))
     search = Search(root, split, wanted, frozenset(possible), asked.options, elsewhere)
-    origin = search.base(root)
-    first = origin if len(asked.free) == len(asked.given[1]) else search.base(
-        from_start(task_of(train, *asked.given, roles)))
-    result = look(search, first, faults, asked.notes, train)
-    if result.found.causes:
-        result = replace(result, first=stated_over(search, first, elsewhere if first is origin else ()))
+    result = look(search, faults, asked.notes, train)
+    origin = first = result.origin
+    if len(asked.free) != len(asked.given[1]):
+        first, elsewhere = search.base(from_start(task_of(train, *asked.given, roles))), ()
+    result = replace(result, first=stated_over(search, first, elsewhere) if result.found.causes else first)
     # Not before: a law that is missing asks for other values in every record, too.
     change = result.change and change_between(origin.folds[0].trained, origin.folds)
     long = sum(e.step * (b - a) for e in train for a, b in e.segments) >= SHORTEST
@@ -226,6 +226,24 @@ def with_shaft_scale(asked: Asked, search: Searched, records: Sequence[Experimen
     except BROKEN:
         return search
     return again if likelier_so(again, search, found.factor) else search
+
+
+def trusted(asked: Asked, search: Searched, records: Sequence[Experiment], drive: Drive,
+            faults: Sequence[Fault]) -> Searched:
+    """The search, or one that trusts the shaft torque, if laws explain all that was measured as well.
+
+    A law that the drive lacks makes the motor's torque and motion say another shaft torque than the sensor.
+
+    records  with the shaft torque as it was logged; drive, faults: before that was blamed
+    """
+    factors = [f.factor for f in search.faults if f.code == "wrong-scale" and f.shaft]
+    if not factors:
+        return search
+    try:
+        other = searched(asked, records, drive, faults)
+    except (*BROKEN, NotEnoughData):
+        return search
+    return search if not other.found.causes or likelier_so(search, other, factors[0]) else other
 
 
 def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment], drive: Drive, free: Sequence[str],

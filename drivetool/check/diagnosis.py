@@ -12,8 +12,8 @@ from scipy.special import stdtrit
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 
 Verdict = Literal["nothing-found", "named", "undetermined", "unexplained"]
-# By which what a base errs for want of a cause differs between records (docs/evidence/diagnosis.md).
-BETWEEN = 1.75
+BETWEEN = 1.75  # factor by which what a base errs for want of a cause differs between records, docs/evidence
+TOLD = 2.0  # standard errors of a gain, from which the scatter of its blocks adds nothing to that
 UNLISTED = "unlisted"  # among causes that it could be: something that is in no catalogue
 LOUD = 5.0  # sensor noises of error in free runs, from which a torque noise that large is to be said
 REST = 0.25  # of the error before, from which on what is left is much
@@ -95,15 +95,16 @@ class Gain:
     def on_a_fresh_record(self) -> tuple[float, float] | None:
         """95 % interval of before - after on a further record of this length; None where nothing scatters.
 
-        Two things set it apart from this one. Blocks scatter, on the further record as much as on this one, with a
-        standard error that is itself estimated from so many (Student's t). And what the worse of both models errs
-        beyond the better is no noise: it depends on what the record asks of the machine, by a factor. Errors add as
-        squares. The distances of both limits are added as squares, too, side by side (Zou and Donner, Statistics in
-        Medicine 27, 2008, 1693).
+        What the worse of both models errs beyond the better is no noise: it depends on what the record asks of the
+        machine, by a factor. Errors add as squares. Where blocks hardly tell that there is a gain, their scatter
+        counts besides, on the further record as much as on this one, by a standard error that is itself estimated
+        from so many (Student's t): distances of both limits are added as squares then, side by side (Zou and
+        Donner, Statistics in Medicine 27, 2008, 1693).
         """
         if self.blocks < 2 or not self.rmse_std > 0.0:
             return None
-        blocks = float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
+        told = abs(self.held_out_rmse_before - self.held_out_rmse_after) > TOLD * self.rmse_std
+        blocks = 0.0 if told else float(stdtrit(self.blocks - 1, 0.975)) * np.sqrt(2.0) * self.rmse_std
         low, high = sorted((self.held_out_rmse_before, self.held_out_rmse_after))
         beyond = np.sqrt(high**2 - low**2)
         ends = [float(np.hypot(low, beyond * factor)) - low for factor in (1.0 / BETWEEN, BETWEEN)]
@@ -145,6 +146,7 @@ class Facts:
     """
 
     faults: tuple[str, ...] = ()
+    by_model: tuple[str, ...] = ()
     causes: tuple[str, ...] = ()
     between: tuple[str, ...] = ()
     strongest: str = ""

@@ -16,8 +16,8 @@ from tests.simulator.machine import machine_by_seed
 
 GEAR = 100.0
 # Power of the gear by which a value behind it differs from what the motor feels of it.
-POWER = {"coulomb": 1, "stribeck": 1, "stribeck_speed": -1, "viscous_asymmetry": 2, "drag": 3, "half_gap": -1,
-         "hardening_twist": -1, "hardening_power": 0, "hardening": 0, "load_damping": -1}
+POWER = {"coulomb": 1, "stribeck": 1, "stribeck_speed": -1, "stribeck_power": 0, "viscous_asymmetry": 2, "drag": 3,
+         "half_gap": -1, "hardening_twist": -1, "hardening_power": 0, "hardening": 0, "load_damping": -1}
 CODES = ("backlash", "coulomb-load", "stribeck-load", "asymmetric-friction", "quadratic-drag",
          "hardening-stiffness", "load-dependent-damping")
 

@@ -33,6 +33,7 @@ NONE = Facts()
     (replace(NONE, left=26.0), "nothing-fits", "unexplained"),
     (replace(NONE, left=26.0, faults=("outliers",)), "nothing-fits", "unexplained"),
     (replace(NONE, left=99.0, faults=("quantisation",)), "record-at-fault", "named"),
+    (replace(NONE, left=101.0, faults=("quantisation",)), "nothing-fits", "unexplained"),
     # With one: less than a tenth of what it gained, or a seventh.
     (replace(CLEAR, left=44.0), "explained", "named"),
     (replace(CLEAR, left=46.0, left_percent=13.0), "part-of-it", "undetermined"),
@@ -102,6 +103,10 @@ def test_every_rule_is_decided_by_somewhere():
      "87 % of what could be explained is left"),
     (replace(PART, between=TIED.between), (), (*TIED.between, UNLISTED), "87 % of what could be explained is left"),
     (replace(PART, faults=("outliers",), unasked="imbalance"), ("outliers",), (), ""),
+    # The scale of a shaft torque that a drive says which lacks something.
+    (replace(NONE, left=26.0, faults=("outliers", "wrong-scale"), by_model=("wrong-scale",)), ("outliers",), (),
+     ""),
+    (replace(NONE, faults=("wrong-scale",), by_model=("wrong-scale",)), ("wrong-scale",), (), ""),
     (replace(NOISY, causes=("imbalance", "backlash")), ("imbalance",), ("backlash", UNLISTED), ""),
     (replace(CLEAR, hardly=("backlash",)), (), ("backlash", UNLISTED), SCATTER),
     (replace(LOADS, left=14.0), (), ("load-step", UNLISTED), SEVERAL),
@@ -134,7 +139,7 @@ def search_with(code, gain=300.0, left=0.0, time=0.0, sure=True, free=(), told=(
     found = Found((code,), {}, {code: 50.0}, {code: ("x",)}, gain, frozenset(told))
     line = CandidateResult(code, "", "named", gain, 0.2 * gain, 50.0, sure=sure)
     return SimpleNamespace(
-        unasked="", faults=[SimpleNamespace(code="outliers")] * 2, found=found,
+        unasked="", faults=[SimpleNamespace(code="outliers", shaft=False)] * 2, found=found,
         left=Remainder(left, 0.0, 0.0, time),
         rounds=[Round(code, (line,))], trained=(), folds=(), change=None, first=SimpleNamespace(model=None),
         model=SimpleNamespace(task=SimpleNamespace(free=free)))
@@ -154,7 +159,7 @@ def gathered(monkeypatch):
 
 def test_facts_of_a_search(gathered):
     found = gathered(search_with("backlash", left=7.0, time=9.0), repeats=True)
-    assert found == Facts(("outliers",), ("backlash",), (), "backlash", (), "", 300.0, 9.0, 9.0, True, 1.0, 0.3,
+    assert found == Facts(("outliers",), (), ("backlash",), (), "backlash", (), "", 300.0, 9.0, 9.0, True, 1.0, 0.3,
                           0.06, 0.02, None, 12.0, 0.001)
 
 

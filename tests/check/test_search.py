@@ -199,7 +199,12 @@ class Steps(Search):
 
     def __init__(self, found, rounds=3, wanted=CAUSES):
         self.found, self.options, self.wanted = list(found), DiagnoseOptions(rounds=rounds), frozenset(wanted)
-        self.root, self.budgets = ROOT, []
+        self.root, self.budgets, self.better = ROOT, [], {}
+
+    def _bettered(self, node, one):
+        """The same node with another model, once, where it is so many causes deep."""
+        value = self.better.pop(len(node.causes), None)
+        return None if value is None else replace(node, model=replace(node.model, value=value))
 
     def expand(self, node, budget, *_):
         self.budgets.append(budget)
@@ -229,6 +234,39 @@ def test_a_path_that_goes_on_from_a_cause_has_what_that_left_of_budget_and_round
     path, _ = search.path(replace(ROOT, causes=("backlash",)))
     assert [e.round.cause for e in path] == ["imbalance", "load-step", None]
     assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_a_base_that_ends_likelier_elsewhere_is_begun_from_there_again(monkeypatch, depth):
+    """Under the same budget: it is the same question."""
+    monkeypatch.setattr(searching, "exact", lambda _: False)
+    search = Steps(["backlash", "imbalance", None])
+    search.better = {depth: -50.0}
+    path, _ = search.path()
+    assert [e.node.model.value for e in path][depth] == -50.0 and [e.round.cause for e in path] == [
+        "backlash", "imbalance", None]
+    assert (search.root.model.value == -50.0) == (depth == 0)
+    assert depth == 0 or path[0].child is path[1].node
+    assert search.budgets == [0.01 * 0.5 ** (k + 1) for k in sorted([0, 1, 2, depth])]
+
+
+@pytest.mark.parametrize(("value", "better"), [(-3.9, False), (-4.1, True), (9.0, False)])
+def test_a_cause_leads_a_base_out_of_its_valley_where_that_ends_likelier_without_it(monkeypatch, value, better):
+    asked = []
+
+    def without(model, names, *_):
+        asked.append(tuple(names))
+        return replace(ROOT.model, code="backlash", value=value)
+
+    monkeypatch.setattr(searching, "without_them", without)
+    monkeypatch.setattr(Search, "base", lambda *_: SimpleNamespace(trained=("again",)))
+    search = Search.__new__(Search)
+    search.root, search.masks = ROOT, ()
+    child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))
+    found = search._bettered(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), (), child))
+    assert asked == [("gap",)] and (found is not None) == better
+    assert not better or (found.model.value, found.model.code, found.trained) == (value, "base", ("again",))
+    assert search._bettered(ROOT, Expansion(ROOT, (), (), Decision(None, (), 0.0), ())) is None
 
 
 def test_nothing_is_looked_for_where_free_runs_of_the_base_leave_rounding_alone(monkeypatch):
@@ -278,6 +316,21 @@ def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     assert values["motor.coulomb"] == pytest.approx(0.08, rel=0.05)
     assert values["motor.drag"] == pytest.approx(4e-4, rel=0.1)
     assert asked.rounds[-1].cause is None
+
+
+@pytest.mark.parametrize("power", [2.0, 1.0])
+def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
+    """By a power held at two the rest of an exponential was a drag beside it."""
+    machine = replace(BODY, coulomb=(0.05,), effects=Effects(
+        stribeck=(0.15,), stribeck_speed=(3.0,), stribeck_power=(power,)))
+    search = one_body_search(machine, ("stribeck-motor", "quadratic-drag"), size=6000)
+    path, _ = search.path()
+    assert [e.round.cause for e in path] == ["stribeck-motor", None]
+    model = path[0].child.model
+    values = model.fitted.drive.values
+    assert ("motor.stribeck_power" in model.task.free) == (power != 2.0)
+    assert values["motor.stribeck"] == pytest.approx(0.15, rel=0.1)
+    assert power == 2.0 or values["motor.stribeck_power"] == pytest.approx(power, abs=0.15)
 
 
 def test_nothing_is_found_where_nothing_is_missing():

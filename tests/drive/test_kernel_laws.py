@@ -23,6 +23,8 @@ OUTPUTS = ("motor_speed", "load_speed", "motor_angle")
 CASES = {
     "stribeck": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0)),
                  {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}, 1e-4),
+    "stribeck-power": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0), stribeck_power=(1.5, 2.0)),
+                       {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5, "motor.stribeck_power": 1.5}, 1e-4),
     "stribeck-load": (LOOSE, Effects(stribeck=(0.0, 3.0), stribeck_speed=(1.0, 0.5)),
                       {"load.stribeck": 3.0, "load.stribeck_speed": 0.5}, 1e-4),
     "asymmetry": (PLAIN, Effects(viscous_back=(0.4, 0.3)),
@@ -129,7 +131,7 @@ def test_the_filter_carries_a_covariance_like_the_sensitivities(name):
         np.testing.assert_allclose(found.variance[:, m] - 1.0, expected[:, m], atol=2e-3 * expected[:, m].max())
 
 
-@pytest.mark.parametrize("name", [n for n in CASES if n not in ("stribeck", "stribeck-load", "filter")])
+@pytest.mark.parametrize("name", [n for n in CASES if not n.startswith("stribeck") and n != "filter"])
 def test_a_law_without_effect_leaves_the_filter_as_it_is(name):
     """Gap, stick and slip under the observer: innovations and variances of the exact kernel."""
     machine, _, values, _ = CASES[name]

@@ -171,8 +171,8 @@ def _third_mass(rig, machine, logger, size, rng):
     def longer(values, value):
         return (*values, value) if values else ()
     e = replace(e, **{name: longer(getattr(e, name), neutral) for name, neutral in (
-        ("stribeck", 0.0), ("stribeck_speed", 1.0), ("coulomb_back", math.nan), ("viscous_back", math.nan),
-        ("quadratic", 0.0), ("hardening_twist", math.inf), ("hardening_power", 2.0),
+        ("stribeck", 0.0), ("stribeck_speed", 1.0), ("stribeck_power", 2.0), ("coulomb_back", math.nan),
+        ("viscous_back", math.nan), ("quadratic", 0.0), ("hardening_twist", math.inf), ("hardening_power", 2.0),
         ("damping_torque", math.inf))})
     # All friction stays where it was; only a part of the load's inertia moves behind a shaft.
     changed = replace(

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-BODY = {"stribeck": 0.0, "stribeck_speed": 1.0, "coulomb_back": math.nan, "viscous_back": math.nan,
-        "quadratic": 0.0}
+BODY = {"stribeck": 0.0, "stribeck_speed": 1.0, "stribeck_power": 2.0, "coulomb_back": math.nan,
+        "viscous_back": math.nan, "quadratic": 0.0}
 SHAFT = {"hardening_twist": math.inf, "hardening_power": 2.0, "damping_torque": math.inf}
 
 
@@ -17,8 +17,8 @@ SHAFT = {"hardening_twist": math.inf, "hardening_power": 2.0, "damping_torque": 
 class Effects:
     """Laws beyond those of the plain machine; n bodies.
 
-    stribeck, stribeck_speed  (n,) [Nm], [rad/s]: sliding friction is coulomb + stribeck
-                     exp(-(w / stribeck_speed)^2), breakaway coulomb + stribeck
+    stribeck, stribeck_speed, stribeck_power  (n,) [Nm], [rad/s], [-]: sliding friction is coulomb + stribeck
+                     exp(-(|w| / stribeck_speed)^power), breakaway coulomb + stribeck
     coulomb_back, viscous_back  (n,) of negative motion; NaN: as in the other direction
     quadratic        (n,) [Nm s^2/rad^2] torque c2 w |w| against the motion
     hardening_twist, hardening_power  (n-1,) [rad], [-]: torque k phi (1 + (|phi| / twist)^power)
@@ -36,6 +36,7 @@ class Effects:
 
     stribeck: tuple[float, ...] = ()
     stribeck_speed: tuple[float, ...] = ()
+    stribeck_power: tuple[float, ...] = ()
     coulomb_back: tuple[float, ...] = ()
     viscous_back: tuple[float, ...] = ()
     quadratic: tuple[float, ...] = ()

@@ -76,7 +76,7 @@ def plant_of(machine: Machine) -> np.ndarray:
     m, e, n = machine, machine.effects, machine.bodies
     body = {name: np.array(getattr(m, name)) for name in ("inertia", "viscous", "coulomb")}
     body |= {name: np.array(e.of(name, n)) for name in (
-        "viscous_back", "coulomb_back", "stribeck", "stribeck_speed", "quadratic")}
+        "viscous_back", "coulomb_back", "stribeck", "stribeck_speed", "stribeck_power", "quadratic")}
     for name in ("viscous", "coulomb"):
         back = f"{name}_back"
         body[back] = np.where(np.isnan(body[back]), body[name], body[back])

@@ -21,8 +21,8 @@ MOST_EVENTS = 1000
 # Everything about the machine is one array, a row per quantity and a column per body or shaft, and
 # the states of the integrator are another: compiled calls pay for every array they are handed.
 BODY = ("inertia", "viscous", "viscous_back", "coulomb", "coulomb_back", "stribeck", "stribeck_speed",
-        "quadratic", "idle", "rough")
-JN, VIS, VBK, COU, CBK, STR, SSP, QUA, IDL, ROU = range(len(BODY))
+        "stribeck_power", "quadratic", "idle", "rough")
+JN, VIS, VBK, COU, CBK, STR, SSP, SPO, QUA, IDL, ROU = range(len(BODY))
 SHAFT = ("stiffness", "damping", "half_gap", "ratio", "hardening_twist", "hardening_power", "damping_torque")
 KS, CS, GAP, RAT, HTW, HPO, DTO = range(len(BODY), len(BODY) + len(SHAFT))
 PATH = ("bandwidth", "zeta", "ripple", "order", "ripple_phase", "ripple2", "order2", "ripple2_phase",
@@ -132,7 +132,7 @@ def derivative(x, at, to, t, u, p, mode):
             else:
                 held = (p[COU, i] if way > 0 else p[CBK, i]) * worn(t, p)
                 if p[STR, i] > 0.0:
-                    held += p[STR, i] * np.exp(-((x[at, i] / p[SSP, i]) ** 2))
+                    held += p[STR, i] * np.exp(-(abs(x[at, i]) / p[SSP, i]) ** p[SPO, i])
                 force -= way * held
         x[to, i] = force / p[JN, i]
     for k in range(n - 1):

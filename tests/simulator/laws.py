@@ -154,7 +154,9 @@ class Laws:
         """Coulomb and Stribeck friction of a body that slides [Nm]."""
         b = self.body[i]
         level = (b.coulomb if self.slip[i] > 0 else b.coulomb_back) * self.worn(x)
-        return level + (b.stribeck * math.exp(-((x[i] / b.stribeck_speed) ** 2)) if b.stribeck else 0.0)
+        if not b.stribeck:
+            return level
+        return level + b.stribeck * math.exp(-((abs(x[i]) / b.stribeck_speed) ** b.stribeck_power))
 
     def guards(self, x: list[float]) -> list[float]:
         """Values that are positive for as long as the mode is right; order as in `exits`."""
@@ -230,6 +232,7 @@ class _Body:
     coulomb_back: float
     stribeck: float
     stribeck_speed: float
+    stribeck_power: float
     quadratic: float
     idle: float
 
@@ -244,8 +247,8 @@ def _bodies(machine: Machine) -> list[_Body]:
     found = []
     for viscous, back, coulomb, other, *rest in zip(
             machine.viscous, e.of("viscous_back", n), machine.coulomb, e.of("coulomb_back", n),
-            e.of("stribeck", n), e.of("stribeck_speed", n), e.of("quadratic", n), machine.idle_torque,
-            strict=True):
+            e.of("stribeck", n), e.of("stribeck_speed", n), e.of("stribeck_power", n), e.of("quadratic", n),
+            machine.idle_torque, strict=True):
         found.append(_Body(viscous, viscous if math.isnan(back) else back, coulomb,
                            coulomb if math.isnan(other) else other, *rest))
     return found

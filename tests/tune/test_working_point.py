@@ -98,6 +98,8 @@ SLOPES = {
     "asymmetry": ({"viscous_asymmetry": 5e-4}, lambda w: 5e-4 if w >= 0 else -5e-4),
     "stribeck": ({"stribeck": 0.4, "stribeck_speed": 9.0}, lambda w: -2 * w * np.sign(w) / 81 * 0.4 * np.exp(
         -(w / 9) ** 2)),
+    "stribeck-power": ({"stribeck": 0.4, "stribeck_speed": 9.0, "stribeck_power": 1.3}, lambda w: (
+        -0.4 * 1.3 * (abs(w) / 9) ** 1.3 / max(abs(w), 1e-300) * np.exp(-(abs(w) / 9) ** 1.3))),
     "coulomb": ({"coulomb": 0.7}, lambda w: 0.0)}
 
 
@@ -204,7 +206,7 @@ def test_the_torque_ends_at_the_load_whatever_the_torque_path(values):
 EVERY = GEARED.with_values({"converter.dead_time": 1e-3})
 TO = {"order": 1.0, "damping": 0.3, "bandwidth": 50.0, "factor": 2.0, "ratio": 2.0, "dead_time": 4e-3,
       "interpolation": 0.5, "half_gap": 0.02, "hardening": 0.4, "hardening_twist": 0.02, "hardening_power": 1.0,
-      "stiffness": 60.0, "stribeck_speed": 7.0, "radius": 2.0}
+      "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0}
 # Present beside the one that changes, for what acts only where another does.
 BESIDE = {"carried-mass": {"load.carried_mass": 0.1},
           "speed-filter": {"sensor.bandwidth": 80.0, "sensor.order": 2.0},

@@ -33,7 +33,7 @@ class Fault:
     code    of the cause; finding: what to say
     record  name of the record; empty: all of them
     factor  of a channel over what it should be; gear: by which the load was held against the motor
-    lag     of a filtered speed [s]
+    lag     of a filtered speed [s]; shaft: whether it is the shaft torque's
     """
 
     code: str
@@ -42,6 +42,7 @@ class Fault:
     factor: float = 1.0
     gear: float | None = None
     lag: float | None = None
+    shaft: bool = False
 
 
 def preflight(experiments: Sequence[Experiment], wanted: Sequence[str], turns: float = 1.0,

@@ -104,7 +104,7 @@ def scale_fault(factor: float, error: float) -> Fault:
         f"The logged shaft torque is {factor:.4g} times what the motor's torque and motion say the shaft carries.",
         {"factor": factor} | ({"std": error} if np.isfinite(error) else {}),
         "Correct sign, unit or scale of the shaft torque (or of the motor torque) in the channel map."),
-        factor=factor)
+        factor=factor, shaft=True)
 
 
 def scale_of(model: Model, measured: np.ndarray, step: float) -> tuple[float, float]:

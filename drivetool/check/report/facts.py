@@ -22,6 +22,7 @@ PLAIN = 50.0  # log likelihood on data held out from which an event is one whate
 
 FACTS: Mapping[str, str] = MappingProxyType({
     "faults": "causes that lie in the records",
+    "by_model": "those of them that only the drive tells, which may lack a law",
     "causes": "laws that were found",
     "between": "laws found that have rivals, and these",
     "strongest": "the law with the largest evidence",
@@ -50,7 +51,9 @@ def facts_of(search: Searched, estimate: Estimate) -> Facts:
     share = estimate.noise.get("torque_std", 0.0) / torque_size(search.first.model)
     changes = sum(n.endswith(TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
     return Facts(
-        tuple(dict.fromkeys(f.code for f in search.faults)), tuple(found.causes), found.between,
+        tuple(dict.fromkeys(f.code for f in search.faults)),
+        tuple(dict.fromkeys(f.code for f in search.faults if f.shaft)),
+        tuple(found.causes), found.between,
         max(found.causes, key=lambda c: found.evidence[c], default=""), hardly_told(search), search.unasked,
         found.gained, search.left.total, search.left.time, estimate.repeats, gain.held_out_rmse_before,
         gain.held_out_rmse_after, gain.rmse_bar, gain.noise_floor, _made_by_noise(search, gain, share),

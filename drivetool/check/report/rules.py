@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from drivetool.check.diagnosis import IMPLAUSIBLE, LOUD, REST, UNLISTED, Facts, taken_for_noise
 from drivetool.check.fit.remainder import LEFT, LITTLE, much_left
 
+STEPS = 100.0  # the same where a sensor is logged in coarse steps, of which a record made up is not a true copy
 UNEXPLAINED = 25.0  # log likelihood to be had, beyond what chance gives, before something is said to be wrong
 WORSE = 0.25  # of the error of free runs, beyond its scatter, by which causes that are true do not raise it
 PART = 0.3  # of that error, or of what could be explained, that is part of the answer
@@ -54,8 +55,8 @@ class Rule:
 
 
 def leaves_something(f: Facts) -> bool:
-    """Whether one-step errors ask for more without any cause; not what the steps of a logger leave."""
-    return f.left > UNEXPLAINED and "quantisation" not in f.faults
+    """Whether one-step errors ask for more without any cause, and more than the steps of a logger leave."""
+    return f.left > (STEPS if "quantisation" in f.faults else UNEXPLAINED)
 
 
 def leaves_much(f: Facts) -> bool:
@@ -97,8 +98,8 @@ def certain(f: Facts, doubted: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def unexplained(f: Facts) -> Judgement:
-    """Only what is wrong with the records is certain."""
-    return Judgement("unexplained", f.faults)
+    """Only what is wrong with the records is certain, as far as no drive that lacks something has told it."""
+    return Judgement("unexplained", tuple(c for c in f.faults if c not in f.by_model))
 
 
 def part_of_it(f: Facts) -> Judgement:
@@ -141,7 +142,7 @@ RULES: tuple[Rule, ...] = (
     Rule("rivals", "`between` names causes", lambda f: bool(f.between),
          lambda f: Judgement("undetermined", certain(f), f.between), "Data held out do not tell the causes apart.",
          "Vuong 1989: models are compared by the scatter of their lead."),
-    Rule("nothing-fits", f"no cause, and `left` above {UNEXPLAINED:g} without quantisation",
+    Rule("nothing-fits", f"no cause, and `left` above {UNEXPLAINED:g}, with quantisation above {STEPS:g}",
          lambda f: not f.causes and leaves_something(f), unexplained,
          "One-step errors ask for something, and no cause of the catalogue is it.", WHITENESS),
     Rule("record-at-fault", "no cause, and `faults` names some", lambda f: not f.causes and bool(f.faults),

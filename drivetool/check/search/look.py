@@ -11,7 +11,7 @@ from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.remainder import Remainder, remainder
 from drivetool.check.search.beside import Asked, asked_beside
 from drivetool.check.search.pairs import doubtful, together
-from drivetool.check.search.result import Base, Found, Searched
+from drivetool.check.search.result import Found, Searched
 from drivetool.check.search.search import Expansion, Search
 from drivetool.errors import Finding
 from drivetool.logs.experiment import Experiment
@@ -19,28 +19,28 @@ from drivetool.logs.experiment import Experiment
 NOTHING = Remainder(0.0, 0.0, 0.0)  # what a base leaves whose free runs end in rounding: there is no path from it
 
 
-def look(search: Search, first: Base, faults: Sequence[Fault], notes: Sequence[Finding],
+def look(search: Search, faults: Sequence[Fault], notes: Sequence[Finding],
          train: Sequence[Experiment]) -> Searched:
     """Search, ask each cause again beside the others, and begin with a rough cause where that ends in doubt.
 
-    first   base that gains are stated over
     faults  of the records; train: records that are fitted to
     """
     path, unasked = search.path()
-    result = _ended(search, path, unasked, (first, faults, notes, train))
+    result = _ended(search, path, unasked, (faults, notes, train))
     if path and doubtful(result):
         other = together(search, path)
-        result = result if other is None else _ended(search, *other, (first, faults, notes, train))
+        result = result if other is None else _ended(search, *other, (faults, notes, train))
     return replace(result, change=change_between(result.whole, result.folds))
 
 
 def _ended(search: Search, path: Sequence[Expansion], unasked: str,
-           given: tuple[Base, Sequence[Fault], Sequence[Finding], Sequence[Experiment]]) -> Searched:
+           given: tuple[Sequence[Fault], Sequence[Finding], Sequence[Experiment]]) -> Searched:
     """What a path amounts to."""
-    first, faults, notes, train = given
+    faults, notes, train = given
+    origin = search.base(search.root.model)
     asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
     whole = search.whole(asked.node.model)
     left = remainder(whole, search.split.held) if path or not exact(whole) else NOTHING
-    return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), first,
-                    search.base(search.root.model), asked.node.model, whole, asked.node.trained, asked.found,
+    return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), origin,
+                    origin, asked.node.model, whole, asked.node.trained, asked.found,
                     asked.rounds, left, unasked)

@@ -28,6 +28,7 @@ from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
 from drivetool.check.search.imitation import imitates
 from drivetool.check.search.lines import lines_of
+from drivetool.check.search.reduce import without_them
 from drivetool.check.search.result import Base, fitted_to_all, gain_between
 from drivetool.progress import counted
 
@@ -37,6 +38,7 @@ FLOOR = 6.0  # log likelihood that must be promised, what was searched paid for,
 ATTAINED = 4.0  # times its promise that a full fit gains, at most: 95 % of a study
 TIE = 20.0  # log likelihood by which a rival must be beaten to be none
 JUDGED = 6  # causes that are judged on samples held out, the likeliest first
+BETTER = 4.0  # log likelihood by which a base must end likelier elsewhere to be begun from there again
 CHANCE = HALF  # of the best gain, below which a cause does not tie with it
 
 
@@ -109,7 +111,15 @@ class Search:
         if not node.causes and exact(node.model):
             return [], ""
         for number in range(len(node.causes), self.options.rounds + 1):
-            one = self.expand(node, self.options.error_budget * 0.5 ** (number + 1))
+            budget = self.options.error_budget * 0.5 ** (number + 1)
+            one = self.expand(node, budget)
+            better = self._bettered(node, one)
+            if better is not None:
+                if found:
+                    found[-1] = replace(found[-1], child=better)
+                else:
+                    self.root = better
+                node, one = better, self.expand(better, budget)
             if one.child is not None and one.child.causes[-1] not in self.wanted:
                 unasked = one.child.causes[-1]
             if unasked or number == self.options.rounds:
@@ -119,6 +129,24 @@ class Search:
                 break
             node = one.child
         return found, unasked
+
+    def _bettered(self, node: Node, found: Expansion) -> Node | None:
+        """The node from where the cause found has led its parameters, if it ends likelier there without the cause.
+
+        A base that has stopped in another valley makes any cause that leads out of it look like a discovery.
+        """
+        if found.child is None:
+            return None
+        best, goal = found.child.model, node.model.value - BETTER
+        names = [n for n in best.task.free if n not in node.model.task.free]
+        try:
+            model = without_them(best, names, self.root.model.task.drive, self.masks, goal)
+        except BROKEN:
+            return None
+        if not model.value < goal:
+            return None
+        model = replace(model, code=node.model.code)
+        return replace(node, model=model, trained=self.base(model).trained)
 
     def expand(self, node: Node, budget: float, among: Iterable[Cause] = (),
                ends: Sequence[Model] = ()) -> Expansion:
@@ -138,7 +166,7 @@ class Search:
             scores = [*scores, *self._judged(node, more)]
             decision = decide(scores, budget, node.gained, imitates)
         decision, why = against(decision, scores, self.base(node.model), self.split, node.gained, budget,
-                                       self.wanted) if scores else (decision, {})
+                                self.wanted) if scores else (decision, {})
         lines = lines_of([t for t in tried if t.cause.code in self.wanted], scores, decision, node.model,
                          node.gained, why)
         found = Expansion(node, tuple(tried), tuple(scores), decision, lines)

@@ -1,26 +1,30 @@
 """Stribeck friction: breakaway takes more than sliding does, and the surplus fades with speed."""
 
-from math import exp
+from math import exp, log
 
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def torque(w, _, time, side, p, out):
-    """-side Ts exp(-(w/ws)^2), Ts = p[0], ws = p[1]."""
-    ratio = w / p[1, 0]
-    share = -side * exp(-ratio * ratio)
+    """-side Ts exp(-(|w|/ws)^n); Ts, ws, n = p[0..2]."""
+    ratio = abs(w) / p[1, 0]
+    lifted = ratio ** p[2, 0]
+    share = -side * exp(-lifted)
     out[0] = p[0, 0] * share
-    out[1] = -2.0 * ratio / p[1, 0] * out[0]
     out[3] = share
-    out[4] = 2.0 * ratio * ratio / p[1, 0] * out[0]
+    if ratio == 0.0:
+        return
+    out[1] = -p[2, 0] * lifted / w * out[0]
+    out[4] = p[2, 0] * lifted / p[1, 0] * out[0]
+    out[5] = -lifted * log(ratio) * out[0]
 
 
 def stamp(assembly, body):
     """The surplus while the body slides; it holds with Tc + Ts when it sticks."""
     if assembly.acts(body, "stribeck"):
         assembly.friction(body, assembly.number(0.0))
-        parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed")]
+        parameters = [assembly.of_body(body, s) for s in ("stribeck", "stribeck_speed", "stribeck_power")]
         assembly.law("stribeck", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body, slides=True)
 
 
@@ -30,9 +34,11 @@ EFFECT = Effect(
     quantities={
         "stribeck": Quantity("{T}", "breakaway torque above Coulomb friction", (0.0, 1e12), 1e-3, 0.0),
         "stribeck_speed": Quantity("{q}/s", "Stribeck speed", (1e-6, 1e6), 1e-3, 1.0),
+        "stribeck_power": Quantity("", "power by which the surplus fades with speed; 2 is a bell, 1 an exponential",
+                                   (1.0, 4.0), 0.1, 2.0),
     },
     stamp=stamp,
-    law="T = (Tc + Ts exp(-(w/ws)^2)) sgn(w); |T| <= Tc + Ts at w = 0",
+    law="T = (Tc + Ts exp(-(|w|/ws)^n)) sgn(w); |T| <= Tc + Ts at w = 0",
     needs="many slow reversals: speeds of the order of the Stribeck speed",
     source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
     present=("stribeck",),
