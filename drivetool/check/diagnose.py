@@ -36,7 +36,7 @@ from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.cooling import SHAPE
 from drivetool.identify.engine import Task
-from drivetool.identify.setup import Roles, led_in, roles_of
+from drivetool.identify.setup import Roles, led_in, roles_of, traces_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.unmeasured import measured
 
@@ -110,7 +110,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         search = looked_again(asked, search, mended, drive, faults)
     search = trusted(asked, with_shaft_scale(asked, search, mended, blamed), *trusting)
     if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
-        search = search.without(*without_surprises(search.model, search.train))
+        search = with_records(search, *without_surprises(search.model, search.train))
     return tell(search, drive, options)
 
 
@@ -254,6 +254,17 @@ def doubted_outliers(mended: Sequence[Experiment], logged: Sequence[Experiment],
     found = [without_outliers(e, places) for e, places in zip(whole, spared, strict=True)]
     outliers = [Fault("outliers", f) for _, findings in found for f in findings]
     return tuple(e for e, _ in found), [*outliers, *(f for f in faults if f.code != "outliers")]
+
+
+def with_records(search: Searched, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> Searched:
+    """With records in place of those of the training, if there are findings about what they lack."""
+    if not findings:
+        return search
+    faults = (*search.faults, *(Fault(f.code, f) for f in findings))
+    task = replace(search.model.task, experiments=tuple(experiments))
+    problem = replace(search.model.problem, traces=traces_of(experiments, task.roles))
+    return replace(search, faults=faults, train=tuple(experiments),
+                   model=replace(search.model, task=task, problem=problem))
 
 
 def with_filter(drive: Drive, free: Sequence[str], faults: Sequence[Fault]) -> tuple[Drive, tuple[str, ...]]:

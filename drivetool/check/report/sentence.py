@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes import CAUSES, DECIDES
 from drivetool.check.diagnosis import LOUD, UNLISTED, Gain
-from drivetool.check.search.decide import experiment_between
+from drivetool.check.search.absence import needs_of
 
 
 def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, logged: Sequence[str] = (),
@@ -33,6 +33,16 @@ def experiment_of(between: Sequence[str], verdict: str, shafts: bool = True, log
     if verdict == "nothing-found":
         return "Larger torque, more reversals or a longer record would show smaller effects."
     return "Repeat the diagnosis on a fresh record of the machine with the extended file as its base."
+
+
+def experiment_between(codes: Sequence[str]) -> str:
+    """What to record to decide between causes."""
+    found = [DECIDES[frozenset((a, b))] for i, a in enumerate(codes) for b in codes[i + 1:]
+             if frozenset((a, b)) in DECIDES]
+    if found:
+        return " ".join(dict.fromkeys(found))
+    needs = "; ".join(f"for {code} {needs_of(CAUSES[code])}" for code in codes)
+    return f"Record what tells them apart: {needs}."
 
 
 def _further(shafts: bool, logged: Sequence[str]) -> str:

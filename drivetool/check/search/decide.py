@@ -10,7 +10,6 @@ from scipy.stats import norm, wilcoxon
 
 from drivetool.check.causes import CAUSES, DECIDES
 from drivetool.check.fit.heldout import Score, total_evidence
-from drivetool.check.search.absence import needs_of
 
 CLOSE = 2.0  # standard errors within which two causes explain the record equally well
 PLAIN = 20.0  # log likelihood that counts as a difference where nearly all blocks agree on it
@@ -19,8 +18,6 @@ SHARE = 0.5  # of the best gain that a tie must have
 AHEAD = 30.0  # log likelihood on the whole record by which a cause is no longer like another one
 MUCH = 0.1  # of its lead over the base, the same: no law is exact to less
 SURPLUS = 2.0  # log likelihood that each further parameter of a law must bring over its special case
-
-NEEDS = "Record what tells them apart: "
 
 
 @dataclass(frozen=True)
@@ -100,15 +97,6 @@ def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = nev
         ahead = best.lead - one.lead - SURPLUS * (best.further - one.further)
         return not (difference.sum() > 0.0 and ahead > max(AHEAD, MUCH * best.lead))
     return not (difference.sum() > PLAIN and wilcoxon(difference, alternative="greater").pvalue < norm.sf(CLOSE))
-
-
-def experiment_between(codes: Sequence[str]) -> str:
-    """What to record to decide between causes."""
-    found = [DECIDES[frozenset((a, b))] for i, a in enumerate(codes) for b in codes[i + 1:]
-             if frozenset((a, b)) in DECIDES]
-    if found:
-        return " ".join(dict.fromkeys(found))
-    return NEEDS + "; ".join(f"for {code} {needs_of(CAUSES[code])}" for code in codes) + "."
 
 
 def special_cases(code: str) -> tuple[str, ...]:

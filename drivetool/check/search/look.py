@@ -8,6 +8,7 @@ from dataclasses import replace
 from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.between_records import change_between
 from drivetool.check.fit.forecast import exact
+from drivetool.check.fit.heldout import extended
 from drivetool.check.fit.remainder import Remainder, remainder
 from drivetool.check.search.beside import Asked, asked_beside
 from drivetool.check.search.pairs import doubtful, together
@@ -39,7 +40,7 @@ def _ended(search: Search, path: Sequence[Expansion], unasked: str,
     faults, notes, train = given
     origin = search.base(search.root.model)
     asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
-    whole = search.whole(asked.node.model)
+    whole = extended(asked.node.model, search.split)
     left = remainder(whole, search.split.held) if path or not exact(whole) else NOTHING
     return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), origin,
                     origin, asked.node.model, whole, asked.node.trained, asked.found,

@@ -16,7 +16,6 @@ from drivetool.check.fit.model import Model, sensor_std
 from drivetool.check.fit.remainder import Remainder, much_left, remainder
 from drivetool.check.fit.samples import Split
 from drivetool.errors import Finding
-from drivetool.identify.setup import traces_of
 from drivetool.logs.experiment import Experiment
 
 
@@ -122,16 +121,6 @@ class Searched:
         return replace(self, model=self.first.model, whole=whole, origin=self.first, trained=self.first.trained,
                        found=Found(),
                        left=remainder(whole, self.split.held))
-
-    def without(self, experiments: Sequence[Experiment], findings: Sequence[Finding]) -> Searched:
-        """With records in place of those of the training, if there are findings about what they lack."""
-        if not findings:
-            return self
-        faults = (*self.faults, *(Fault(f.code, f) for f in findings))
-        task = replace(self.model.task, experiments=tuple(experiments))
-        problem = replace(self.model.problem, traces=traces_of(experiments, task.roles))
-        return replace(self, faults=faults, train=tuple(experiments),
-                       model=replace(self.model, task=task, problem=problem))
 
 
 def fitted_to_all(model: Model, split: Split, base: Base) -> Base:

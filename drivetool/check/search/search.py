@@ -17,7 +17,7 @@ from drivetool.check.causes import CAUSES, FITTED, mistaken_for
 from drivetool.check.causes.cause import Cause
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
 from drivetool.check.fit.forecast import exact
-from drivetool.check.fit.heldout import LOOKS, Score, extended, folds_of, score
+from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
 from drivetool.check.fit.model import BROKEN, Model, everything, heard
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.remainder import remainder
@@ -186,7 +186,7 @@ class Search:
                 lambda c: screen(c, stands, self.masks), first), len(first)))
             short = _shortlist(seen) if not asked else [s for s in seen if s.begun]
             tried: dict[str, Tried] = {}
-            for group in _groups(short):
+            for group in (short[:1], short[1:]):  # the leader by itself, then what may still tie
                 gained = max((node.model.value - t.model.value for t in tried.values() if t.model and not t.absent),
                              default=0.0)
                 going = [s for s in group if not tried or ATTAINED * s.promise > gained - TIE]
@@ -267,10 +267,6 @@ class Search:
         return Node((*(c for c in node.causes if c not in special), model.code), model, trained,
                     {**kept, model.code: added}, node.gained + gain)
 
-    def whole(self, model: Model) -> Model:
-        """A model over all records."""
-        return extended(model, self.split)
-
 
 def _price(cause: Cause) -> float:
     """Log of how many values of its searched parameters the whole record was looked at for."""
@@ -286,8 +282,3 @@ def _shortlist(seen: Sequence[Screened]) -> list[Screened]:
     order = sorted((s for s in seen if paid.get(s.cause.code, 0.0) > FLOOR), key=lambda s: -paid[s.cause.code])
     best = paid[order[0].cause.code] if order else 0.0
     return [s for i, s in enumerate(order) if i < SHORT or paid[s.cause.code] > SHARE * best]
-
-
-def _groups(short: Sequence[Screened]) -> list[list[Screened]]:
-    """The leader by itself, then what may still tie."""
-    return [[*short[:1]], [*short[1:]]] if short else []
