@@ -259,6 +259,7 @@ def test_a_cause_leads_a_base_out_of_its_valley_where_that_ends_likelier_without
         return replace(ROOT.model, code="backlash", value=value)
 
     monkeypatch.setattr(searching, "without_them", without)
+    monkeypatch.setattr(searching, "fit", lambda model, _: model)
     monkeypatch.setattr(Search, "base", lambda *_: SimpleNamespace(trained=("again",)))
     search = Search.__new__(Search)
     search.root, search.masks = ROOT, ()

@@ -43,15 +43,16 @@ def _shaped(model: Model, base: Model, masks: Masks) -> Model:
     Measured curves fade as exponentials or bells, or by powers between and beyond (Armstrong-Helouvry 1991, chapter
     4). A curve of another power leaves a rest that a drag, a gap or friction at the other end would make up for.
     """
-    from drivetool.check.search.attempt import refitted
+    from drivetool.check.search.attempt import FIRST, refitted
 
     names = [f"{n.removesuffix('.stribeck')}.stribeck_power" for n, _ in new_values(model, base, ".stribeck")]
     names = [n for n in names if n not in model.task.free]
     for name in names:
         power = model.task.drive.value(name)
         assert power is not None
-        trial = refitted(model, added(model, {name: power}, ()).task, base, masks)
-        model = trial if trial.value < model.value - SHAPED else model
+        trial = refitted(model, added(model, {name: power}, ()).task, base, masks, FIRST)
+        if trial.value < model.value - SHAPED:
+            model = refitted(trial, trial.task, base, masks)
     return model
 
 

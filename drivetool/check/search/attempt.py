@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.check.causes.cause import Cause
 from drivetool.check.diagnosis import State
-from drivetool.check.fit.model import BROKEN, Masks, Model, fit
+from drivetool.check.fit.model import BROKEN, MOST, Masks, Model, fit
 from drivetool.check.fit.structure import carried, third_of
 from drivetool.check.search.absence import needed, why_absent
 from drivetool.check.search.begin import Begun, Stand, begin, bounded, kind_of, stand_at
@@ -160,10 +160,10 @@ def _contenders(ends: Sequence[Model], base: Model, rough: bool) -> list[Model]:
     return list(likeliest.values())
 
 
-def refitted(model: Model, task: Task, base: Model, masks: Masks) -> Model:
-    """A cause fitted with other parameters free, from where it is; base: lacks it."""
+def refitted(model: Model, task: Task, base: Model, masks: Masks, most: int = MOST) -> Model:
+    """A cause fitted with other parameters free, from where it is; base: lacks it, most: rounds."""
     problem = bounded(problem_of(task.drive, task.free, task.roles, model.problem.traces), base, task)
-    return fit(replace(model, task=task, problem=problem, point=carried(model, task, problem)), masks)
+    return fit(replace(model, task=task, problem=problem, point=carried(model, task, problem)), masks, most=most)
 
 
 def as_special_case(simple: Tried, general: Tried, base: Model, masks: Masks) -> Tried:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from drivetool.check.fit.model import Masks, Model, fit
+from drivetool.check.fit.model import MOST, Masks, Model, fit
 from drivetool.check.fit.structure import carried, third_of, without_third
 from drivetool.drive.chain import Drive
 from drivetool.identify.third_mass import tip_names
 
 
-def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks, goal: float = np.inf) -> Model:
+def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks, most: int = MOST) -> Model:
     """The model without these parameters, fitted again.
 
-    first  the drive that the search began with; goal: value below which alone the result is of use
+    first  the drive that the search began with; most: rounds of the fit
     """
     task = model.fitted
     if tip_names(first, third_of(task.drive))[0] in names:
@@ -29,4 +27,4 @@ def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks,
     drive = replace(task.drive, values=values)
     less = replace(task, drive=drive, free=tuple(n for n in drive.quantities if n in {*task.free} - {*names}))
     problem = less.problem()
-    return fit(replace(model, task=less, problem=problem, point=carried(model, less, problem)), masks, goal=goal)
+    return fit(replace(model, task=less, problem=problem, point=carried(model, less, problem)), masks, most=most)

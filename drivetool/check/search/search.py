@@ -18,11 +18,21 @@ from drivetool.check.causes.cause import Cause
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
 from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
-from drivetool.check.fit.model import BROKEN, Model, everything, heard
+from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.remainder import remainder
 from drivetool.check.fit.samples import Split
-from drivetool.check.search.attempt import HALF, TRIFLE, Screened, Tried, as_special_case, attempt, screen, sizeable
+from drivetool.check.search.attempt import (
+    FIRST,
+    HALF,
+    TRIFLE,
+    Screened,
+    Tried,
+    as_special_case,
+    attempt,
+    screen,
+    sizeable,
+)
 from drivetool.check.search.begin import stand_at
 from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
@@ -140,12 +150,12 @@ class Search:
         best, goal = found.child.model, node.model.value - BETTER
         names = [n for n in best.task.free if n not in node.model.task.free]
         try:
-            model = without_them(best, names, self.root.model.task.drive, self.masks, goal)
+            model = without_them(best, names, self.root.model.task.drive, self.masks, FIRST)
+            if not model.value < goal:
+                return None
+            model = replace(fit(model, self.masks), code=node.model.code)
         except BROKEN:
             return None
-        if not model.value < goal:
-            return None
-        model = replace(model, code=node.model.code)
         return replace(node, model=model, trained=self.base(model).trained)
 
     def expand(self, node: Node, budget: float, among: Iterable[Cause] = (),
