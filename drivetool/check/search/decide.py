@@ -34,13 +34,8 @@ class Decision:
     evidence: float
 
 
-def never(_one: Score, _best: Score) -> bool:
-    """No cause makes the motion of another."""
-    return False
-
-
 def decide(scores: Sequence[Score], budget: float, gained: float = 0.0,
-           imitates: Callable[[Score, Score], bool] = never) -> Decision:
+           imitates: Callable[[Score, Score], bool] = lambda *_: False) -> Decision:
     """Whether a cause is found, and which.
 
     budget    share of records without any cause on which one may be found
@@ -72,7 +67,7 @@ def with_use(scores: Sequence[Score]) -> list[Score]:
         for t in scores)]
 
 
-def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = never) -> bool:
+def ties(one: Score, best: Score, imitates: Callable[[Score, Score], bool] = lambda *_: False) -> bool:
     """Whether a cause is as good as the best: within the scatter over blocks, and not much weaker.
 
     Blocks tell more or less, and that scatters too: where they are of one mind, ranks show it (Wilcoxon 1945). Not

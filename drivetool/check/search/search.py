@@ -278,16 +278,12 @@ class Search:
                     {**kept, model.code: added}, node.gained + gain)
 
 
-def _price(cause: Cause) -> float:
-    """Log of how many values of its searched parameters the whole record was looked at for."""
-    return float(np.log(LOOKS)) if cause.searched else 0.0
-
-
 def _shortlist(seen: Sequence[Screened]) -> list[Screened]:
     """The causes that are worth a fit, the most promising first."""
+    # What the whole record was looked at for costs the log of how many values that were.
     promise = {s.cause.code: s.promise for s in seen if s.begun}
     # A law that contains another one must promise more than that: else that is found first, and what it lacks next.
-    paid = {code: p - _price(CAUSES[code]) for code, p in promise.items()
+    paid = {code: p - bool(CAUSES[code].searched) * float(np.log(LOOKS)) for code, p in promise.items()
             if all(p > promise.get(simple, -np.inf) + SURPLUS for simple in CAUSES[code].special)}
     order = sorted((s for s in seen if paid.get(s.cause.code, 0.0) > FLOOR), key=lambda s: -paid[s.cause.code])
     best = paid[order[0].cause.code] if order else 0.0
