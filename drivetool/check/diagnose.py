@@ -109,7 +109,9 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
         search = looked_again(asked, search, mended, drive, faults)
     search = trusted(asked, with_shaft_scale(asked, search, mended, blamed), *trusting)
-    if "outliers" in wanted and search.left.total < UNEXPLAINED and "quantisation" not in {f.code for f in faults}:
+    # Where the base leaves rounding alone nothing was looked for, and no sample of it is impossible.
+    if "outliers" in wanted and search.rounds and search.left.total < UNEXPLAINED and not any(
+            f.code == "quantisation" for f in faults):
         search = with_records(search, *without_surprises(search.model, search.train))
     return tell(search, drive, options)
 

@@ -230,7 +230,12 @@ def stands_in(after: Model, before: Model) -> bool:
     """Whether torque noise wanders far more slowly now, and free runs err more: it stands in for friction, say."""
     now, then = after.noise.memory, before.noise.memory
     return (now is not None and then is not None and 1.0 - now < SLOWER * (1.0 - then)
-            and _run_error(after) > (1.0 + WORSE) * _run_error(before))
+            and runs_worse(after, before))
+
+
+def runs_worse(after: Model, before: Model) -> bool:
+    """Whether free runs over the records that both were fitted to err clearly more."""
+    return _run_error(after) > (1.0 + WORSE) * _run_error(before)
 
 
 def _run_error(model: Model) -> float:

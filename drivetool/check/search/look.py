@@ -40,8 +40,10 @@ def _ended(search: Search, path: Sequence[Expansion], unasked: str,
     faults, notes, train = given
     origin = search.base(search.root.model)
     asked = asked_beside(search, path) if path else Asked(search.root, Found(), ())
-    whole = extended(asked.node.model, search.split)
+    # Where no law was found the base is held against its own records under the noise that is likeliest for it.
+    model = asked.node.model if asked.found.causes or not path else origin.model
+    whole = extended(model, search.split)
     left = remainder(whole, search.split.held) if path or not exact(whole) else NOTHING
     return Searched(search.split, search.options, tuple(faults), tuple(notes), tuple(train), origin,
-                    origin, asked.node.model, whole, asked.node.trained, asked.found,
+                    origin, model, whole, asked.node.trained, asked.found,
                     asked.rounds, left, unasked)

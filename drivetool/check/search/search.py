@@ -18,7 +18,7 @@ from drivetool.check.causes.cause import Cause
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
 from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
-from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard
+from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard, runs_worse
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.remainder import remainder
 from drivetool.check.fit.samples import Split
@@ -143,7 +143,8 @@ class Search:
     def _bettered(self, node: Node, found: Expansion) -> Node | None:
         """The node from where the cause found has led its parameters, if it ends likelier there without the cause.
 
-        A base that has stopped in another valley makes any cause that leads out of it look like a discovery.
+        A base that has stopped in another valley makes any cause that leads out of it look like a discovery. Where
+        free runs are worse there it is none: noise has taken the place of what the base has.
         """
         if found.child is None:
             return None
@@ -154,6 +155,8 @@ class Search:
             if not model.value < goal:
                 return None
             model = replace(fit(model, self.masks), code=node.model.code)
+            if runs_worse(model, node.model):
+                return None
         except BROKEN:
             return None
         return replace(node, model=model, trained=self.base(model).trained)
