@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test test-slow test-long check docs lint types packages test-floor study bench fuzz fixtures schemas reference \
+.PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench fuzz fixtures schemas reference \
 	clean
 
 demo: $(VENV)/ready
@@ -47,6 +47,10 @@ test-floor:
 	build/floor/bin/python -m pip install --quiet --disable-pip-version-check \
 		--constraint build/floor/constraints --editable ".[test]"
 	build/floor/bin/python -m pytest -n 2
+
+# The rules of a verdict, each left out in turn, on the rows that the studies have stored: minutes, no fit.
+ablation: $(VENV)/ready
+	$(BIN)/python -m tests.study.ablation build/*.jsonl
 
 study: $(VENV)/ready
 	$(BIN)/python -m pytest -m study -s

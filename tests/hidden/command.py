@@ -26,7 +26,7 @@ class Answer:
     verdict    one of VERDICTS, or "failed" with what it printed in `talk`
     causes, between  effect codes
     gain       as in the file; candidates: one mapping per candidate
-    parameters name -> section of the extended file
+    parameters name -> section of the extended file; rule, facts: what made the verdict
     """
 
     verdict: str
@@ -36,6 +36,8 @@ class Answer:
     candidates: tuple[dict, ...] = ()
     parameters: dict = field(default_factory=dict)
     talk: str = ""
+    rule: str = ""
+    facts: dict = field(default_factory=dict)
 
 
 def run(folder: Path, words: Sequence[object], timeout: float = 600.0) -> subprocess.CompletedProcess:
@@ -73,7 +75,8 @@ def read(path: Path, talk: str = "") -> Answer:
         return Answer("failed", talk=f"no verdict in {Path(path).name}: {found.get('verdict')!r}")
     return Answer(found["verdict"], tuple(found.get("causes") or ()), tuple(found.get("between") or ()),
                   dict(found.get("gain") or {}), tuple(found.get("candidates") or ()),
-                  dict(content.get("parameters") or {}), talk)
+                  dict(content.get("parameters") or {}), talk, found.get("rule", ""),
+                  dict(found.get("facts") or {}))
 
 
 def grade(truth: Sequence[str], answer: Answer, removed: bool = False) -> str:

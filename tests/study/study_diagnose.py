@@ -211,6 +211,8 @@ def one(plan: Plan, asking: Callable[..., Answer] = ask) -> dict:
         "visibility": label.get("visibility", {}).get("all"), "sizes": [e["size"] for e in label["effects"]],
         "grade": given, "apart": apart, "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": fresh,
+        "rule": answer.rule, "facts": answer.facts, "to_name": to_name(label, answer),
+        "removed": list(plan.removed),
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
         # Of the first round: there the base has none of it yet.

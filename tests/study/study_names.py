@@ -131,17 +131,15 @@ def one(job: Job) -> list[dict]:
         free = ["--free", "shaft.half_gap"] if record.gap else []
         begun = _spent()
         answer = ask(folder, [folder / "record.parquet"], start, free, more)
-        seconds, path = _spent() - begun, folder / "extended.yaml"
-        content = yaml.safe_load(path.read_text()) if path.exists() else {}
+        seconds = _spent() - begun
         segment = answer.gain.get("segment") or 0.0
         errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
                   for name in ("base", "extended")}
-    found = content.get("diagnosis") or {}
     about = {
         "excitation": record.excitation, "sensors": list(record.channels), "judged": judged,
         "share": record.truth.share, "grade": given(job.situation, answer), "verdict": answer.verdict,
         "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": errors,
-        "rule": found.get("rule"), "facts": found.get("facts"), "noise": content.get("noise"),
+        "rule": answer.rule, "facts": answer.facts,
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
         "talk": answer.talk[-300:] if answer.verdict == "failed" else "", "seconds": round(seconds, 1)}

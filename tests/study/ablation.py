@@ -1,0 +1,62 @@
+"""What each rule of a verdict is worth: stored facts judged without it.
+
+    python -m tests.study.ablation ROWS.jsonl ...
+
+The rows are those of study_diagnose and study_names. Per rule: in how many records it decides, how many answers
+change without it, and how the grades do. A rule without which no answer changes is not needed on these records.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from drivetool.check.diagnosis import Facts
+from drivetool.check.report.rules import RULES, Rule, judged
+from tests.hidden.command import Answer, grade
+from tests.study.shared.rows import rows
+from tests.study.study_names import given
+
+
+def facts_of(row: Mapping) -> Facts:
+    """The facts of a row; what an older version did not store is as nothing found."""
+    stored = row["facts"]
+    return Facts(**{f.name: tuple(stored[f.name]) if isinstance(stored[f.name], list) else stored[f.name]
+                    for f in fields(Facts) if stored.get(f.name) is not None})
+
+
+def graded(row: Mapping, rules: Sequence[Rule]) -> str:
+    """The grade of a row's record under a table of rules."""
+    said = judged(facts_of(row), rules)
+    answer = Answer(said.verdict, said.causes, said.between if said.verdict == "undetermined" else ())
+    if "to_name" in row:
+        return grade(row["to_name"], answer, bool(row["removed"]))
+    return given(row["law"], answer)
+
+
+def without_each(found: Sequence[Mapping]) -> list[tuple[str, int, Counter]]:
+    """(rule, records in which it decides, (grade with it, grade without it) -> count where they differ)."""
+    whole = [(graded(row, RULES), judged(facts_of(row)).rule) for row in found]
+    table = []
+    for rule in RULES[:-1]:  # the last one is what is left
+        less = [r for r in RULES if r is not rule]
+        changed = Counter((before, after) for row, (before, _) in zip(found, whole, strict=True)
+                          if (after := graded(row, less)) != before)
+        table.append((rule.name, sum(name == rule.name for _, name in whole), changed))
+    return table
+
+
+def main(paths: Iterable[str]) -> None:
+    """Print the table."""
+    found = [row for path in paths for row in rows(Path(path)) if row.get("facts")]
+    print(f"{len(found)} records\n{'rule':<24}{'decides':>9}{'changes':>9}  grades with and without it")
+    for name, decides, changed in without_each(found):
+        told = ", ".join(f"{a} -> {b} {n}" for (a, b), n in changed.most_common())
+        print(f"{name:<24}{decides:>9}{changed.total():>9}  {told}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
