@@ -40,7 +40,7 @@ LEFT_OUT: Mapping[str, str] = MappingProxyType({
     "load-step": "a disturbance at one time of a recording"})
 OF_RECORDINGS = "holds in one recording only"
 FLAT = ("stribeck", "quadratic-drag")  # without a slope at standstill
-SLOW = 1e-12  # of a speed whose direction matters
+SLOW = 1e-60  # of a speed whose direction matters; a power of it, as Stribeck friction has, is nothing yet
 
 
 def acting(drive: Drive) -> dict[str, list[str]]:

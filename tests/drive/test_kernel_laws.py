@@ -23,8 +23,8 @@ OUTPUTS = ("motor_speed", "load_speed", "motor_angle")
 CASES = {
     "stribeck": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0)),
                  {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5}, 1e-4),
-    "stribeck-power": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0), stribeck_power=(1.5, 2.0)),
-                       {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5, "motor.stribeck_power": 1.5}, 1e-4),
+    "stribeck-power": (RUBS, Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0), stribeck_power=(3.0, 2.0)),
+                       {"motor.stribeck": 3.0, "motor.stribeck_speed": 0.5, "motor.stribeck_power": 3.0}, 1e-4),
     "stribeck-load": (LOOSE, Effects(stribeck=(0.0, 3.0), stribeck_speed=(1.0, 0.5)),
                       {"load.stribeck": 3.0, "load.stribeck_speed": 0.5}, 1e-4),
     "asymmetry": (PLAIN, Effects(viscous_back=(0.4, 0.3)),
@@ -63,6 +63,20 @@ def test_against_the_independent_simulator(name):
     speed = there.measured if name == "filter" else there.speeds[:, 0]
     assert rms(out[:, 0] - speed) < bound
     assert rms(out[:, 1] - there.speeds[:, 1]) < bound
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5])
+def test_breakaway_friction_with_a_cusp_at_standstill(power):
+    """Below a power of two the parabola through three values of the torque is no longer of fourth order there."""
+    machine = replace(RUBS, effects=Effects(stribeck=(3.0, 0.0), stribeck_speed=(0.5, 1.0),
+                                            stribeck_power=(power, 2.0)))
+    torque = levels(machine, 3000, 3, share=0.4)
+    there, drive = simulate_fast(machine, torque, STEP), drive_of(RUBS)
+    drive = replace(drive, values={**drive.values, "motor.stribeck": 3.0, "motor.stribeck_speed": 0.5,
+                                   "motor.stribeck_power": power})
+    plant = plant_of(drive, Layout((), ("motor_torque",), OUTPUTS, STEP, gradient=False))
+    out = plant.outputs(Trace(torque[:, None], np.zeros((len(torque), 3)), STEP), np.zeros(plant.nx))
+    assert rms(out[:, 0] - there.speeds[:, 0]) < 1e-4
 
 
 @EACH
