@@ -96,7 +96,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     trusting = (mended, drive, faults)
     try:
         mended, drive, blamed = shaft_fault(mended, drive, free, wanted, begun)
-        faults += blamed
+        faults = [*faults, *blamed]
     except (np.linalg.LinAlgError, DriveToolError):
         notes.append(UNCHECKED)
     if any(f.code == "outliers" for f in faults):

@@ -8,6 +8,7 @@ import pytest
 
 from drivetool.check import diagnose
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Round
+from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.remainder import Remainder
 from drivetool.check.report.rules import UNEXPLAINED
 from drivetool.check.report.story import changing
@@ -45,6 +46,49 @@ def test_a_check_of_the_shaft_torque_that_breaks_down_is_said(breaks, monkeypatc
     with pytest.raises(Searched) as stopped:
         diagnose.diagnose([record], drive, FREE, DiagnoseOptions())
     assert [f.code for f in stopped.value.args[0]] == (["shaft-torque-unchecked"] if breaks else [])
+
+
+def fault(code, **more):
+    return Fault(code, None, **more)
+
+
+@pytest.mark.parametrize(("causes", "scale_likelier", "faults", "trusts"), [
+    (("friction-drift",), False, [fault("wrong-scale", factor=1.09, shaft=True)], True),
+    (("friction-drift",), True, [fault("wrong-scale", factor=1.09, shaft=True)], False),
+    ((), False, [fault("wrong-scale", factor=1.09, shaft=True)], False),  # no law explains anything
+    (("friction-drift",), False, [fault("wrong-scale", factor=1.09)], False)])  # told by two sensors of one motion
+def test_a_shaft_torque_is_trusted_where_laws_explain_as_much(monkeypatch, causes, scale_likelier, faults, trusts):
+    """Warming up, left out of the drive, was a sensor that reads 1.09 times the torque."""
+    blamed, other = SimpleNamespace(faults=faults), SimpleNamespace(found=SimpleNamespace(causes=causes))
+    monkeypatch.setattr(diagnose, "searched", lambda *_: other)
+    monkeypatch.setattr(diagnose, "likelier_so", lambda again, without, factor: scale_likelier)
+    assert (diagnose.trusted(None, blamed, ("as logged",), None, ()) is other) == trusts
+
+
+@pytest.mark.parametrize("rounds", [(), ("one",)])
+def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, rounds):
+    """Of a record without noise the model was surprised in its last digits. And the fault of the sensor is told in
+    no search that trusts it.
+    """
+    asked, begun = [], []
+    blamed = fault("wrong-scale", factor=1.09, shaft=True)
+    ended = SimpleNamespace(rounds=rounds, left=SimpleNamespace(total=0.0), model=None, train=(), faults=[blamed],
+                            found=SimpleNamespace(causes=("friction-drift",), between=()))
+
+    def searched(asked, records, drive, faults):
+        begun.append([f.code for f in faults])
+        return ended
+
+    monkeypatch.setattr(diagnose, "shaft_fault", lambda mended, drive, *_: (mended, drive, [blamed]))
+    monkeypatch.setattr(diagnose, "searched", searched)
+    monkeypatch.setattr(diagnose, "with_shaft_scale", lambda asked, search, *_: search)
+    monkeypatch.setattr(diagnose, "likelier_so", lambda *_: True)
+    monkeypatch.setattr(diagnose, "without_surprises", lambda *_: asked.append(1) or ((), []))
+    monkeypatch.setattr(diagnose, "tell", lambda search, *_: search)
+    machine = machine_by_seed(5)
+    record, drive = linear_record(machine, 5, 2.0), drive_like(machine, list(FREE))
+    assert diagnose.diagnose([record], drive, FREE, DiagnoseOptions()) is ended
+    assert bool(asked) == bool(rounds) and begun == [["wrong-scale"], []]
 
 
 def test_once_a_dead_time_is_known_only_what_had_a_chance_is_looked_for_again(monkeypatch):

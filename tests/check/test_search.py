@@ -7,16 +7,19 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnosis import DiagnoseOptions
 from drivetool.check.fit.heldout import Score
 from drivetool.check.fit.model import Model, from_start
+from drivetool.check.fit.remainder import remainder
 from drivetool.check.fit.samples import split_of
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Screened, Tried
 from drivetool.check.search.beside import asked_beside
 from drivetool.check.search.decide import Decision
+from drivetool.check.search.look import look
 from drivetool.check.search.reduce import without_them
 from drivetool.check.search.search import Expansion, Node, Search
 from drivetool.drive.chain import one_body, two_mass
@@ -290,13 +293,14 @@ BODY = Machine(inertia=(0.02,), viscous=(0.01,), idle_torque=(0.05,), rated_torq
 FREE = ("motor.inertia", "motor.viscous", "motor.idle_torque")
 
 
-def one_body_search(machine, codes, seed=3, size=6000):
+def one_body_search(machine, codes, seed=3, size=6000, torque_noise=None):
     """A search for some causes in a record of one body that goes back and forth."""
     top = 30.0
     reference = trapezoids(top, 0.6, 0.3, size * STEP, STEP, seed)[:size]
     excite = multisine(np.linspace(1.0, 20.0, 15), 0.05, size * STEP, STEP, seed)[:size]
-    run = simulate_fast(machine, excite, STEP, at_rest(machine), PI(reference, 0.2, 0.4, limit=2.0),
-                        white_noise(size, 0.01, seed + 1), sensor_noise=white_noise(size, 0.02, seed + 2))
+    noise = white_noise(size, 0.01, seed + 1) if torque_noise is None else torque_noise
+    run = simulate_fast(machine, excite, STEP, at_rest(machine), PI(reference, 0.2, 0.4, limit=2.0), noise,
+                        sensor_noise=white_noise(size, 0.02, seed + 2))
     record = experiment(run.command, run.measured)
     drive = one_body().with_values({"motor.inertia": 0.021, "motor.viscous": 0.009, "motor.idle_torque": 0.04})
     task = Task(drive, FREE, roles_of([record], drive), (record,))
@@ -340,6 +344,16 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
 def test_nothing_is_found_where_nothing_is_missing():
     path, _ = one_body_search(BODY, FRICTION).path()
     assert [e.round.cause for e in path] == [None]
+
+
+def test_slow_noise_of_the_torque_is_nothing_that_is_missing():
+    """The base of a record in which nothing is found is held against it under the noise that is likeliest."""
+    slow = lfilter([0.006], [1.0, -0.995], np.random.default_rng(8).standard_normal(6000))
+    search = one_body_search(BODY, ("quadratic-drag",), torque_noise=slow)
+    result = look(search, (), (), search.root.model.task.experiments)
+    assert result.found.causes == () and result.left.total == 0.0
+    assert result.model.noise.memory == pytest.approx(0.995, abs=0.003)
+    assert remainder(search.root.model).total > 100.0  # under white noise it would be
 
 
 def test_a_model_without_a_law_is_the_model_before_it():
