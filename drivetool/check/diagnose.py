@@ -19,7 +19,7 @@ from drivetool.check.diagnosis import DiagnoseOptions, Diagnosis
 from drivetool.check.faults.lateness import lag_of
 from drivetool.check.faults.load_scale import load_scale
 from drivetool.check.faults.preflight import LATE, Fault, fine_steps, preflight
-from drivetool.check.faults.shaft import BLAMED, SCALE, scale_fault, shaft_fault
+from drivetool.check.faults.shaft import BLAMED, SCALE, rescaled, scale_fault, shaft_fault
 from drivetool.check.faults.shaft_scale import likelier_so, scale_beside
 from drivetool.check.faults.spikes import expected_peaks, put_back, without_outliers, without_surprises
 from drivetool.check.fit.between_records import change_between
@@ -93,7 +93,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     mended, faults = load_scale(mended, drive, free, faults, begun)
     notes = fine_steps(logged) if "quantisation" in wanted else []
     blamed: list[Fault] = []
-    trusting = (mended, drive, faults)
+    unblamed = drive
     try:
         mended, drive, blamed = shaft_fault(mended, drive, free, wanted, begun)
         faults = [*faults, *blamed]
@@ -108,7 +108,8 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
         # What was commanded before the record comes through in it: nobody knows what that was.
         mended = tuple(led_in(e, drive.with_values({DELAYED: delay})) for e in mended)
         search = looked_again(asked, search, mended, drive, faults)
-    search = trusted(asked, with_shaft_scale(asked, search, mended, blamed), *trusting)
+    as_logged = rescaled(mended, 1.0 / blamed[0].factor) if blamed else mended
+    search = trusted(asked, with_shaft_scale(asked, search, mended, blamed), as_logged, unblamed)
     # Where the base leaves rounding alone nothing was looked for, and no sample of it is impossible.
     if "outliers" in wanted and search.rounds and search.left.total < UNEXPLAINED and not any(
             f.code == "quantisation" for f in faults):
@@ -230,19 +231,18 @@ def with_shaft_scale(asked: Asked, search: Searched, records: Sequence[Experimen
     return again if likelier_so(again, search, found.factor) else search
 
 
-def trusted(asked: Asked, search: Searched, records: Sequence[Experiment], drive: Drive,
-            faults: Sequence[Fault]) -> Searched:
+def trusted(asked: Asked, search: Searched, records: Sequence[Experiment], drive: Drive) -> Searched:
     """The search, or one that trusts the shaft torque, if laws explain all that was measured as well.
 
     A law that the drive lacks makes the motor's torque and motion say another shaft torque than the sensor.
 
-    records  with the shaft torque as it was logged; drive, faults: before that was blamed
+    records  the same samples with the shaft torque as it was logged; drive: before that was blamed
     """
     factors = [f.factor for f in search.faults if f.code == "wrong-scale" and f.shaft]
     if not factors:
         return search
     try:
-        other = searched(asked, records, drive, faults)
+        other = searched(asked, records, drive, [f for f in search.faults if not f.shaft])
     except (*BROKEN, NotEnoughData):
         return search
     return search if not other.found.causes or likelier_so(search, other, factors[0]) else other

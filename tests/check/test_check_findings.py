@@ -62,7 +62,7 @@ def test_a_shaft_torque_is_trusted_where_laws_explain_as_much(monkeypatch, cause
     blamed, other = SimpleNamespace(faults=faults), SimpleNamespace(found=SimpleNamespace(causes=causes))
     monkeypatch.setattr(diagnose, "searched", lambda *_: other)
     monkeypatch.setattr(diagnose, "likelier_so", lambda again, without, factor: scale_likelier)
-    assert (diagnose.trusted(None, blamed, ("as logged",), None, ()) is other) == trusts
+    assert (diagnose.trusted(None, blamed, ("as logged",), None) is other) == trusts
 
 
 @pytest.mark.parametrize("rounds", [(), ("one",)])
@@ -83,6 +83,7 @@ def test_where_rounding_alone_is_left_no_sample_is_impossible(monkeypatch, round
     monkeypatch.setattr(diagnose, "searched", searched)
     monkeypatch.setattr(diagnose, "with_shaft_scale", lambda asked, search, *_: search)
     monkeypatch.setattr(diagnose, "likelier_so", lambda *_: True)
+    monkeypatch.setattr(diagnose, "rescaled", lambda records, factor: records)
     monkeypatch.setattr(diagnose, "without_surprises", lambda *_: asked.append(1) or ((), []))
     monkeypatch.setattr(diagnose, "tell", lambda search, *_: search)
     machine = machine_by_seed(5)

@@ -266,7 +266,7 @@ def test_a_cause_leads_a_base_out_of_its_valley_where_that_is_likelier_without_i
     monkeypatch.setattr(searching, "without_them", without)
     monkeypatch.setattr(searching, "fit", lambda model, _: model)
     monkeypatch.setattr(searching, "runs_worse", lambda *_: runs)
-    monkeypatch.setattr(Search, "base", lambda *_: SimpleNamespace(trained=("again",)))
+    monkeypatch.setattr(Search, "base", lambda _, model: SimpleNamespace(model=model, trained=("again",)))
     search = Search.__new__(Search)
     search.root, search.masks = ROOT, ()
     child = replace(ROOT, causes=("backlash",), model=model_of("backlash", -90.0, (*ROOT.model.task.free, "gap")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,7 @@ def _shaped(model: Model, base: Model, masks: Masks) -> Model:
     Measured curves fade as exponentials or bells, or by powers between and beyond (Armstrong-Helouvry 1991, chapter
     4). A curve of another power leaves a rest that a drag, a gap or friction at the other end would make up for.
     """
+    from drivetool.check.fit.model import BROKEN
     from drivetool.check.search.attempt import FIRST, refitted
 
     names = [f"{n.removesuffix('.stribeck')}.stribeck_power" for n, _ in new_values(model, base, ".stribeck")]
@@ -50,9 +52,10 @@ def _shaped(model: Model, base: Model, masks: Masks) -> Model:
     for name in names:
         power = model.task.drive.value(name)
         assert power is not None
-        trial = refitted(model, added(model, {name: power}, ()).task, base, masks, FIRST)
-        if trial.value < model.value - SHAPED:
-            model = refitted(trial, trial.task, base, masks)
+        with suppress(*BROKEN):  # the bell that was fitted stands
+            trial = refitted(model, added(model, {name: power}, ()).task, base, masks, FIRST)
+            if trial.value < model.value - SHAPED:
+                model = refitted(trial, trial.task, base, masks)
     return model
 
 

@@ -135,5 +135,5 @@ def measured_samples(model: Model, masks: Masks) -> int:
 def likelier_so(again: Searched, search: Searched, factor: float) -> bool:
     """Whether a search over records with a factor undone explains all that was measured better than one without."""
     samples = measured_samples(search.model, everything(search.model.problem))
-    lead = search.model.value - again.model.value - samples * float(np.log(factor))
+    lead = search.model.value - again.model.value - samples * float(np.log(abs(factor)))
     return lead > LEAST + SURPLUS * (1 + len(again.model.task.free) - len(search.model.task.free))

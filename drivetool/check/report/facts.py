@@ -52,7 +52,8 @@ def facts_of(search: Searched, estimate: Estimate) -> Facts:
     changes = sum(n.endswith(TORQUES) for n in search.model.task.free) if "load-step" in found.causes else 0
     return Facts(
         tuple(dict.fromkeys(f.code for f in search.faults)),
-        tuple(dict.fromkeys(f.code for f in search.faults if f.shaft)),
+        tuple(dict.fromkeys(f.code for f in search.faults if all(
+            other.shaft for other in search.faults if other.code == f.code))),
         tuple(found.causes), found.between,
         max(found.causes, key=lambda c: found.evidence[c], default=""), hardly_told(search), search.unasked,
         found.gained, search.left.total, search.left.time, estimate.repeats, gain.held_out_rmse_before,

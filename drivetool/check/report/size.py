@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from drivetool.check.search.result import Found
 
 Z95 = 1.959964  # standard deviations to either side of 95 %
+MOST = 10  # digits
 SINE, COSINE = "_sine", "_cosine"
 
 
@@ -63,8 +64,9 @@ def _words(p: Parameter, base: Model) -> str:
     if name.endswith(".bandwidth") and value > 0.0:
         name, value, unit = f"the time constant of {name}", 1.0 / value, "s"
         ends = (1.0 / ends[1], 1.0 / ends[0]) if ends and ends[0] > 0.0 else None
-    # As many digits as the interval is wide in two.
-    digits = 3 if not ends else max(3, 2 + int(np.log10(max(abs(value), 1e-300) / max(ends[1] - ends[0], 1e-300))))
+    # As many digits as the interval is wide in two, at most those that files have.
+    ends = ends if ends and np.isfinite(ends[1] - ends[0]) and ends[1] > ends[0] else None
+    digits = 3 if not ends else int(np.clip(2.0 + np.log10(max(abs(value), 1e-300) / (ends[1] - ends[0])), 3, MOST))
     interval = f" ({ends[0]:.{digits}g} to {ends[1]:.{digits}g}, 95 %)" if ends else ""
     largest = largest_torque(base, p.name.rpartition(".")[0]) if p.unit == base.task.drive.torque_unit else 0.0
     share = f", {100.0 * abs(value) / largest:.2g} % of the largest torque" if largest > 0.0 else ""

@@ -49,7 +49,8 @@ def against(decision: Decision, scores: Sequence[Score], base: Base, split: Spli
             left.append(s)
     if not left:
         return replace(decision, best=None, between=()), said
-    return replace(decision, best=left[0], between=tuple(c for c in decision.between if c not in said)), said
+    return replace(decision, best=left[0], between=tuple(
+        c for c in decision.between if c in {s.model.code for s in left})), said
 
 
 def _why_not(s: Score, stage: Gain, base: Base, gained: float) -> str:

@@ -67,7 +67,7 @@ def together(search: Search, path: Sequence[Expansion]) -> tuple[list[Expansion]
         folds = search.base(search.root.model).folds
         blocks = [lead_in_blocks(*trial) for trial in zip(end.trained, last.trained, folds, strict=True)]
         if np.concatenate(blocks).sum() > 0.0:
-            return [first, *rest], unasked
+            return [replace(first, child=rest[0].node), *rest], unasked
     return None
 
 

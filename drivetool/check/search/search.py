@@ -22,17 +22,7 @@ from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard, run
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.remainder import remainder
 from drivetool.check.fit.samples import Split
-from drivetool.check.search.attempt import (
-    FIRST,
-    HALF,
-    TRIFLE,
-    Screened,
-    Tried,
-    as_special_case,
-    attempt,
-    screen,
-    sizeable,
-)
+from drivetool.check.search.attempt import HALF, TRIFLE, Screened, Tried, as_special_case, attempt, screen, sizeable
 from drivetool.check.search.begin import stand_at
 from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
@@ -48,7 +38,7 @@ FLOOR = 6.0  # log likelihood that must be promised, what was searched paid for,
 ATTAINED = 4.0  # times its promise that a full fit gains, at most: 95 % of a study
 TIE = 20.0  # log likelihood by which a rival must be beaten to be none
 JUDGED = 6  # causes that are judged on samples held out, the likeliest first
-BETTER = 4.0  # log likelihood by which a base must end likelier elsewhere to be begun from there again
+BETTER, BRIEF = 4.0, 3  # log likelihood by which a base must end likelier elsewhere, and rounds in which that shows
 CHANCE = HALF  # of the best gain, below which a cause does not tie with it
 
 
@@ -114,8 +104,7 @@ class Search:
     def path(self, node: Node | None = None) -> tuple[list[Expansion], str]:
         """(node after node, until nothing more is found; what is found next but was not to be looked for).
 
-        None where free runs of the base leave rounding alone. Each next cause has half the budget of the one before
-        it, as a path that goes on from a cause counts too.
+        None where free runs of the base leave rounding alone. Each next cause has half the budget of the last one.
         """
         node, found, unasked = node or self.root, [], ""
         if not node.causes and exact(node.model):
@@ -127,7 +116,7 @@ class Search:
             if better is not None:
                 if found:
                     found[-1] = replace(found[-1], child=better)
-                else:
+                elif not node.causes:
                     self.root = better
                 node, one = better, self.expand(better, budget)
             if one.child is not None and one.child.causes[-1] not in self.wanted:
@@ -143,15 +132,16 @@ class Search:
     def _bettered(self, node: Node, found: Expansion) -> Node | None:
         """The node from where the cause found has led its parameters, if it ends likelier there without the cause.
 
-        A base that has stopped in another valley makes any cause that leads out of it look like a discovery. Where
-        free runs are worse there it is none: noise has taken the place of what the base has.
+        A base stopped in another valley makes any cause that leads out of it look like a discovery. Where free runs
+        are worse there, noise has taken the place of what the base has.
         """
         if found.child is None:
             return None
-        best, goal = found.child.model, node.model.value - BETTER
+        best = found.child.model
+        goal = min(node.model.value, self.base(node.model).model.value) - BETTER  # under its likeliest noise
         names = [n for n in best.task.free if n not in node.model.task.free]
         try:
-            model = without_them(best, names, self.root.model.task.drive, self.masks, FIRST)
+            model = without_them(best, names, self.root.model.task.drive, self.masks, BRIEF)
             if not model.value < goal:
                 return None
             model = replace(fit(model, self.masks), code=node.model.code)
