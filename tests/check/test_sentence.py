@@ -139,6 +139,9 @@ def line(name, value, unit, std=None):
     # An amplitude, whatever its phase; of its std the part along it.
     ("torque-ripple", [line("motor.ripple_sine", 0.3, "Nm", 0.1), line("motor.ripple_cosine", -0.4, "Nm", 0.2)],
      "motor.ripple 0.5 Nm (0.165 to 0.835, 95 %), 5 % of the largest torque"),
+    # One that the fit did not settle has no interval, whatever its covariance says.
+    ("torque-ripple", [line("motor.ripple_sine", 0.3, "Nm", 0.1), line("motor.ripple_cosine", -0.4, "Nm")],
+     "motor.ripple 0.5 Nm, 5 % of the largest torque"),
     ("speed-filter", [line("sensor.bandwidth", 200.0, "1/s", 10.0)],
      "the time constant of sensor.bandwidth 0.005 s (0.00455 to 0.00554, 95 %)")])
 def test_the_size_of_a_cause_in_words(monkeypatch, code, lines, words):

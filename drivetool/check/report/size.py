@@ -11,11 +11,11 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.causes.starts import largest_torque
 from drivetool.check.fit.model import Model
 from drivetool.identify.estimate import Estimate, Parameter
+from drivetool.identify.results import Z95
 
 if TYPE_CHECKING:
     from drivetool.check.search.result import Found
 
-Z95 = 1.959964  # standard deviations to either side of 95 %
 MOST = 10  # digits
 SINE, COSINE = "_sine", "_cosine"
 
@@ -36,7 +36,7 @@ def sizes_of(found: Found, estimate: Estimate, base: Model) -> dict[str, str]:
 
 
 def _wave(p: Parameter, estimate: Estimate) -> Parameter:
-    """A sine with its cosine as one amplitude; every other parameter as it is."""
+    """A sine with its cosine as one amplitude, without interval where one of them has none; others as they are."""
     if not p.name.endswith(SINE):
         return p
     name = p.name.removesuffix(SINE)
@@ -44,7 +44,9 @@ def _wave(p: Parameter, estimate: Estimate) -> Parameter:
     if other is None:
         return p
     size = float(np.hypot(p.value, other.value))
-    std = _std_along(estimate, (p.name, other.name), np.array([p.value, other.value]) / max(size, 1e-300))
+    told = p.ci95 is not None and other.ci95 is not None
+    along = np.array([p.value, other.value]) / max(size, 1e-300)
+    std = _std_along(estimate, (p.name, other.name), along) if told else None
     interval = None if std is None else (max(size - Z95 * std, 0.0), size + Z95 * std)
     return Parameter(name, size, p.unit, std=std, ci95=interval)
 

@@ -111,8 +111,13 @@ class Searched:
         """The same from the base that was trained on the same samples as the last model."""
         return self._gain_over(self.origin)
 
+    @cached_property
+    def foretold(self) -> Forecast:
+        """Free runs of the last model: every gain of it asks for them."""
+        return forecast(self.trained, self.folds)
+
     def _gain_over(self, base: Base) -> Gain:
-        gain = gain_between(base, self.trained, self.split)
+        gain = gain_between(base, self.trained, self.split, foretold=self.foretold)
         return replace(gain, unexplained_percent=unexplained_percent(self.found.gained, self.left))
 
     def given_up(self) -> Searched:
@@ -133,15 +138,17 @@ def fitted_to_all(model: Model, split: Split, base: Base) -> Base:
     return Base(model, tuple(replace(fold, trained=whole) for fold in base.folds))
 
 
-def gain_between(before: Base, after: Sequence[Model], split: Split, gained: float = 0.0) -> Gain:
+def gain_between(before: Base, after: Sequence[Model], split: Split, gained: float = 0.0,
+                 foretold: Forecast | None = None) -> Gain:
     """The gain in free runs over held-out blocks, from a base to what was trained in its folds.
 
-    gained  log likelihood by all that was found, on data held out
+    gained    log likelihood by all that was found, on data held out
+    foretold  free runs of what was trained; None: they are made
     """
     task = before.model.task
     motion = task.drive.motion_unit
     unit = motion if task.roles.outputs[0].endswith("angle") else f"{motion}/s"
     i, a, b = blocks_of(split.traces)[0]
-    return gain_of(before.foretold, forecast(after, before.folds), unit,
+    return gain_of(before.foretold, foretold or forecast(after, before.folds), unit,
                    (b - a) * split.traces[i].step, sensor_std(after[0]),
                    unexplained_percent(gained, remainder(after[0], split.held)))
