@@ -162,8 +162,27 @@ def unlocated_step(s, c, x, u, i, big, mode, part, k, h):
         x[r] = c.vectors[1, r]
         for q in range(big.shape[1]):
             big[r, q] = c.columns[0, r, q]
+    come_to_rest(s, c.hold, c.net[k], x, u[i], big, mode)
     guard_values(s.spring, s.slip_rows, x, c.guards)
     classify(s.reach, c.guards, mode)
+
+
+@njit(**COMPILE)
+def come_to_rest(s, hold, net, x, u, big, mode):
+    """Stop the bodies whose speed has changed its sign where friction holds them.
+
+    Their friction is that of the old direction still: left to slide, they would turn back in every sample.
+    """
+    for f in range(s.nf):
+        row, digit = s.slip_rows[f], mode[s.ng + f]
+        if digit != 1 and (1.0 - digit) * x[row] < 0.0:
+            speed = x[row]
+            x[row] = 0.0
+            if abs(load_on(net[f], x, u)) > hold[f, 0]:
+                x[row] = speed
+            else:
+                for q in range(big.shape[1]):
+                    big[row, q] = 0.0
 
 
 @unit(SYSTEM, CACHE, REALS[1], REALS[2], WHOLE, REALS[2], WHOLES[1], WHOLE)
