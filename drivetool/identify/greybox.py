@@ -74,7 +74,9 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         # The motion is known, so that a motor's friction is told from the others'.
         drive = apart(drive)
         free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
-        free = shared_by_some(free, drive, experiments)
+        # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
+        behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
+        free = tuple(n for n in shared_by_some(free, drive, experiments) if n not in behind)
         return greybox_by_inverse(experiments, drive, free, roles, options)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)

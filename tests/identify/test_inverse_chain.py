@@ -24,12 +24,16 @@ RATTLING = Machine((0.05, 0.2), (0.02, 0.03), (0.3, 1.0), (0.1, 0.4), (900.0,), 
 FREE = ("shaft.half_gap", "motor.coulomb", "load.coulomb")
 
 
-def moved(machine, seed, noise=0.0, torque_noise=0.0, seconds=8.0):
-    """(record, what happened): a stiff speed loop moves the motor to and fro, ever faster and slower."""
+def moved(machine, seed, noise=0.0, torque_noise=0.0, seconds=8.0, shaken=()):
+    """(record, what happened): a stiff speed loop moves the motor to and fro, ever faster and slower.
+
+    shaken  frequencies [Hz] at which it is shaken besides
+    """
     n = round(seconds / STEP)
     time = np.arange(n) * STEP
     height = 4.0 + 3.0 * np.sin(0.4 * time + np.random.default_rng(seed).uniform(0.0, 6.0))
     reference = height * np.sin(2.0 * np.pi * time)
+    reference += sum(0.5 * np.sin(2.0 * np.pi * f * time + f) for f in shaken)
     run = simulate_fast(machine, np.zeros(n), STEP, controller=PI(reference, 6.0, 60.0),
                         torque_noise=white_noise(n, torque_noise, seed + 1),
                         sensor_noise=white_noise(n, noise, seed + 2), finer=8)
@@ -118,3 +122,17 @@ def test_intervals_of_a_chain_hold():
             if p.status == "fitted":
                 held, count = held + (abs(p.value - true[p.name]) < 1.96 * p.std), count + 1
     assert count > 230 and held / count >= 0.92
+
+
+def test_a_chain_without_dry_friction_and_gap_is_no_straight_line_over_its_parameters():
+    """Its torque is in proportion to all of them together, which one linear step must not be taken for."""
+    machine = Machine((0.05, 0.02), (0.02, 0.05), (0.0, 0.0), (0.1, 0.0), (40.0,), (0.5,))
+    record, _ = moved(machine, 3, noise=1e-3, shaken=(3.1, 5.3, 7.7, 11.9))
+    drive = two_mass().with_values({"motor.inertia": 0.04, "motor.viscous": 0.02, "load.inertia": 0.04,
+                                    "load.viscous": 0.03, "shaft.stiffness": 80.0, "shaft.damping": 0.8})
+    found = greybox([record], drive, Options(criterion="inverse", hold=("motor.coulomb",)))
+    assert found.fit["torque_rmse_over_sd"] < 0.02
+    assert "load.idle_torque" not in {p.name for p in found.parameters if p.status == "fitted"}
+    for p in found.parameters:
+        if p.name in ("load.inertia", "shaft.stiffness"):
+            assert p.value == pytest.approx(truth(machine)[p.name], rel=0.1)

@@ -26,6 +26,7 @@ from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
 from drivetool.identify.inverse_dynamics.regression import (
     Inverse,
     Solved,
+    in_narrower_band,
     recorded,
     solved,
     strength,
@@ -59,21 +60,22 @@ class Linear:
 
 
 def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles,
-                       options: Options) -> Estimate:
+                       options: Options, lead: tuple[np.ndarray, ...] | None = None) -> Estimate:
     """Physical parameters from the torque that the motor's motion asks for.
 
     experiments  motor_torque and the motor's speed or angle; with reference_angle, reference_speed or
                  reference_torque of the loop, what that foretells of the motion is the instrument
     drive        with start values; of a chain the motor is moved as measured, and the rest of it simulated
     free         parameter names
+    lead         per recording (n,) samples that are left out; None: as long as the chain remembers how it began
     returns      Estimate; std_noise under stationary errors of any spectrum, std_structure by what else shows
     raises       BadOption: a path between torque and body, or a start state; NotEnoughData
     source       Gautier, Janot and Vandanjon 2013, the filters; Janot, Vandanjon and Gautier 2014, instruments
     """
-    _asked_for(drive, free, options)
+    askable(drive, free, options)
     sensor, inputs = roles.outputs[0], roles.inputs[1:]
     reference, why = reference_of(experiments, sensor)
-    first = recorded(experiments, drive, free, sensor, inputs)
+    first = recorded(experiments, drive, free, sensor, inputs, lead)
     record, findings = first, []
     if reference is None:
         findings.append(_no_instrument(why))
@@ -103,7 +105,8 @@ def greybox_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Se
         tuple(e.source for e in experiments), {}, exhibits, None, _sentence(laws), laws)
 
 
-def _asked_for(drive: Drive, free: Sequence[str], options: Options) -> None:
+def askable(drive: Drive, free: Sequence[str], options: Options) -> None:
+    """Raise BadOption where the torque of the motor's body is not what a motion asks for."""
     logged_as_it_acts(drive, free)
     sums = [n for n in free if n in TOTALS]
     if sums:
@@ -138,8 +141,7 @@ def _structure(fit: Solved, line: np.ndarray, sensor: str, reference: str | None
     instruments have cured that.
     """
     r = fit.at
-    other = recorded(r.experiments, r.alone(fit.values[:len(r.own)]).drive, r.own, sensor, r.inputs, NARROWER)
-    other = replace(other, lead=r.lead)
+    other = in_narrower_band(r.alone(fit.values[:len(r.own)]), sensor, NARROWER)
     if reference:
         other = with_instruments(other, sensor, reference)
     narrow = solved(with_laws(other, [law.name for law in r.laws[0]]))
@@ -190,7 +192,8 @@ def _moved_by_noise(fit: Solved, rows: Sequence[Rows], inverse: np.ndarray) -> n
     for j in columns:
         inertia, here = fit.at.drive.values[free[j]], slopes[:, j] != 0.0
         error, power = float(np.sum(residual[here] ** 2)), noise * np.count_nonzero(here)
-        moment = error / inertia if inertia > 0.0 else 0.0
+        # Of a body without mass nothing follows: then it is as much as both can have in common.
+        moment = min(error / max(inertia, 1e-300), np.sqrt(error * float(np.sum(slopes[here, j] ** 2))))
         found += np.abs(inverse[:, j]) * (moment + np.sqrt(power * error) + inertia * power)
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from drivetool.logs.experiment import Experiment
 
 FEWEST = 2 * BLOCKS  # samples of a fit: blocks of one say nothing of each other
 REMEMBERED = 0.5  # of the record that may show how a chain began; more, and most of it would be left out
+UNEVEN = 0.618  # of a step; multiples of the golden section fall nowhere twice
 LINEAR = 1e-6  # of the residual, by which the torque may miss a straight line over a parameter
 ENOUGH = 1e-16  # of the residual's power; instruments as many as parameters leave nothing to be seen
 
@@ -120,7 +122,7 @@ class Inverse:
             r, x, z = (np.where(used.reshape(-1, *[1] * (v.ndim - 1)), v, 0.0)[::self.kept]
                        for v in (own.residual, own.slopes, other.slopes))
             found.append(Rows(r, x, z))
-        count = sum(int(np.count_nonzero(r.residual)) for r in found)
+        count = count_of(found)
         if count < FEWEST:
             raise NotEnoughData(
                 f"at least {FEWEST} independent samples in which the motor moves", f"{count}",
@@ -162,23 +164,25 @@ class Solved:
 
 
 def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], sensor: str,
-             inputs: Sequence[str], narrower: float = 1.0) -> Inverse:
+             inputs: Sequence[str], lead: tuple[np.ndarray, ...] | None = None) -> Inverse:
     """The measured motion of a body, smoothed in the widest band that its sensor's noise allows.
 
     drive     sums of friction over its bodies are shared out first: the motion is that of one body
-    sensor    role; narrower: by which factor the band is narrower
+    sensor    role; lead: see Inverse; None: as long as the chain of the drive remembers how it began
     raises    NotEnoughData: 50 values of the sensor in a row are not there
     """
     seen = motions_of(experiments, sensor)
-    if narrower > 1.0:
-        seen = _narrower(seen, experiments, sensor, narrower)
-    return Inverse(apart(drive), tuple(free), tuple(experiments), tuple(inputs), seen).led_in()
+    found = Inverse(apart(drive), tuple(free), tuple(experiments), tuple(inputs), seen)
+    return found.led_in() if lead is None else replace(found, lead=lead)
 
 
-def _narrower(seen: Motions, experiments: Sequence[Experiment], sensor: str, by: float) -> Motions:
+def in_narrower_band(record: Inverse, sensor: str, by: float) -> Inverse:
+    """The same in a band that is narrower by a factor; instruments are to be foretold again."""
+    seen = record.seen
     each = tuple(motion_of(e, sensor, replace(m.smoothing, cutoff=m.smoothing.cutoff / by), seen.top)
-                 for e, m in zip(experiments, seen.each, strict=True))
-    return replace(seen, each=each, lag=min(m.smoothing.window for m in each) if seen.lag else 0)
+                 for e, m in zip(record.experiments, seen.each, strict=True))
+    lag = min(m.smoothing.window for m in each) if seen.lag else 0
+    return replace(record, seen=replace(seen, each=each, lag=lag), foreseen=None, fitted=0)
 
 
 def with_instruments(record: Inverse, sensor: str, reference: str) -> Inverse:
@@ -201,18 +205,25 @@ def strength(record: Inverse) -> float:
     return (whole - left) / record.fitted / max(left / degrees, 1e-300)
 
 
+def count_of(rows: Sequence[Rows]) -> int:
+    """The samples that are used."""
+    return sum(int(np.count_nonzero(r.residual)) for r in rows)
+
+
 def solved(record: Inverse) -> Solved:
     """Fit the free parameters, inside their bounds: at once where the torque is linear in them, else by steps."""
     values = np.array([record.drive.value(n) for n in record.free], float)
-    problem, rows = Torque(record), record.rows()
+    rows = record.rows()
+    problem = Torque(record, count_of(rows))
     bends = np.zeros(len(values), bool)
     if _bends(record, rows, values, problem, ~bends):
         bends = np.array([_bends(record, rows, values, problem, one) for one in np.eye(len(values), dtype=bool)])
     change, inverse = _inside(rows, values, problem, bends)
-    record, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
+    there, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
+    record = record if problem.rows(there) is None else there
     if bends.any():
         values = np.array([record.drive.value(n) for n in record.free], float)
-        solution = solve(Torque(record), Point(values, ()), enough=ENOUGH * problem.power)
+        solution = solve(replace(problem, record=record), Point(values, ()), enough=ENOUGH * problem.power)
         values = solution.point.values
         record, steps, converged = record.at(values), solution.iterations, solution.converged
         within = np.flatnonzero((values > problem.low) & (values < problem.high))
@@ -226,8 +237,12 @@ def solved(record: Inverse) -> Solved:
 def _bends(record: Inverse, rows: Sequence[Rows], values: np.ndarray, problem: Torque, of: np.ndarray) -> bool:
     """Whether the torque is no straight line over the parameters `of` (k,), moved together."""
     up = np.where(values == 0.0, problem.size, np.abs(values))
+    # Not all in proportion: along that the torque of a chain without dry friction and gaps is a straight line.
+    up *= 0.5 + UNEVEN * np.arange(1, len(values) + 1) % 1.0
     up = np.where(of, np.minimum(up, problem.high - values), 0.0)
-    after = record.at(values + up).rows()
+    after = problem.rows(record.at(values + up))
+    if after is None:  # a chain that runs away is no straight line
+        return True
     off = sum(float(np.sum((b.residual - b.slopes @ up - a.residual) ** 2))
               for b, a in zip(rows, after, strict=True))
     return off > LINEAR**2 * sum(float(np.sum(b.residual**2)) for b in rows)
@@ -235,9 +250,13 @@ def _bends(record: Inverse, rows: Sequence[Rows], values: np.ndarray, problem: T
 
 @dataclass(frozen=True)
 class Torque:
-    """The fit as a problem for `least_squares.solve`: of the residual, or of what the instruments see of it."""
+    """The fit as a problem for `least_squares.solve`: of the residual, or of what the instruments see of it.
+
+    count  samples used at the start: at values where fewer are, the chain has run away, and the cost is infinite
+    """
 
     record: Inverse
+    count: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -268,25 +287,38 @@ class Torque:
 
     def normal(self, point: Point, gains: object = None) -> Normal:
         """Normal equations at a point."""
-        x, r = self._seen(point)
+        seen = self._seen(point)
+        if seen is None:
+            k = len(self.names)
+            return Normal(np.zeros((k, k)), (), (), np.zeros(k), (), np.inf)
+        x, r = seen
         return Normal(x.T @ x, (), (), -x.T @ r, (), float(r @ r))
 
     def cost(self, point: Point, gains: object = None) -> float:
         """Sum of squares that are to be small."""
         if self.record.foreseen:
-            r = self._seen(point)[1]
-        else:  # least squares ask for no slopes
-            at = replace(self.record.at(point.values), free=())
-            r = np.concatenate([q.residual for q in at.rows()])
-        return float(r @ r)
+            seen = self._seen(point)
+            return np.inf if seen is None else float(seen[1] @ seen[1])
+        rows = self.rows(replace(self.record.at(point.values), free=()))  # least squares ask for no slopes
+        return np.inf if rows is None else sum(float(q.residual @ q.residual) for q in rows)
 
     def moved(self, point: Point, step: np.ndarray, own: Sequence[np.ndarray]) -> Point:
         """The point after a step, inside the bounds."""
         return Point(np.clip(point.values + step, self.low, self.high), ())
 
-    def _seen(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """(slopes, residual): the whole of both, or that part which the instruments see."""
-        rows = self.record.at(point.values).rows()
+    def rows(self, at: Inverse) -> list[Rows] | None:
+        """The equations; None where some are no numbers any more."""
+        with suppress(NotEnoughData), np.errstate(over="ignore", invalid="ignore"):
+            rows = at.rows()
+            if count_of(rows) >= self.count:
+                return rows
+        return None
+
+    def _seen(self, point: Point) -> tuple[np.ndarray, np.ndarray] | None:
+        """(slopes, residual): the whole of both, or that part which the instruments see; None as for `_rows`."""
+        rows = self.rows(self.record.at(point.values))
+        if rows is None:
+            return None
         z, x, r = (np.concatenate([getattr(q, n) for q in rows]) for n in ("instruments", "slopes", "residual"))
         if not self.record.foreseen:
             return x, r
