@@ -32,6 +32,7 @@ from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
 from drivetool.check.search.result import Base, Searched, fitted_to_all
 from drivetool.check.search.search import Search
+from drivetool.check.torque.diagnose_torque import diagnose_torque
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.cooling import SHAPE
@@ -69,7 +70,8 @@ class Asked:
 
 
 def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
-             holdout: Sequence[Experiment] = (), begun: Mapping[str, float] = MappingProxyType({})) -> Diagnosis:
+             holdout: Sequence[Experiment] = (), begun: Mapping[str, float] = MappingProxyType({}),
+             own: Sequence[str] = ()) -> Diagnosis:
     """Find what the simulation of a drive gets wrong.
 
     experiments  records with motor torque and any sensors; holdout: records that only judge, or
@@ -77,10 +79,13 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
     drive        the base, fitted
     free         names of its parameters that are fitted again, with and without a cause
     begun        values that its own fit started from, as far as they are known
+    own          by criterion inverse: names NAME@RECORD of what records held out have of their own
     raises       BadParameters: a value is missing; NotEnoughData: too short to hold anything out
     source       Wasserman, Ramdas, Balakrishnan 2020 for the evidence; Ljung 1999 for the one-step
                  errors
     """
+    if options.criterion == "inverse":
+        return diagnose_torque(experiments, drive, free, options, holdout, begun, own)
     wanted = options.candidates or tuple(CAUSES)
     drive.require(drive.missing(), "a diagnosis")
     drive, free = as_begun(drive, free, begun)

@@ -29,12 +29,14 @@ class DiagnoseOptions:
     error_budget  share of records without a cause on which one may be named, over all rounds
     rounds        most causes that are looked for
     seed          of everything random
+    criterion     simulation: free runs of the motion judge; inverse: the torque that the motion asks for
     """
 
     candidates: tuple[str, ...] = ()
     error_budget: float = 0.01
     rounds: int = 3
     seed: int = 1
+    criterion: Literal["simulation", "inverse"] = "simulation"
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class Gain:
     noise_floor              std of the sensor alone, as far as the record tells
     unexplained_percent      share of what the base left unexplained that is still there
     blocks                   of data held out, one free run each
+    of                       motion: as said; torque: the errors are those of the torque that the motion asks
+                             for, over blocks of `segment` seconds
     """
 
     unit: str
@@ -90,6 +94,7 @@ class Gain:
     noise_floor: float
     unexplained_percent: float
     blocks: int = 0
+    of: Literal["motion", "torque"] = "motion"
 
     @property
     def on_a_fresh_record(self) -> tuple[float, float] | None:

@@ -12,7 +12,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all, with_torques
 from drivetool.cli.outcomes import guarded, say
-from drivetool.cli.record_option import differing, only_stated
+from drivetool.cli.record_option import differing, only_stated, own_of_held_out
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Wh
 
 def command(
     logs: cli.Logs, params: cli.Base, holdout: Holdout = None, candidates: Candidates = "",
-    error_budget: Budget = 0.01, rounds: Rounds = 3, seed: cli.Seed = 1, map: cli.Map = None,
+    error_budget: Budget = 0.01, rounds: Rounds = 3,
+    criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation, seed: cli.Seed = 1, map: cli.Map = None,
     condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
     json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
     quiet: cli.Quiet = False, explain: Explain = False,
@@ -55,8 +56,8 @@ def command(
         if candidates and not codes:
             raise BadOption("at least one cause after --candidates", f"'{candidates}'",
                             "Name causes, with commas between; drivetool effects lists them.")
-        return run(job, len(recordings_in(held)), DiagnoseOptions(codes, error_budget, rounds, seed), report,
-                   explain)
+        return run(job, len(recordings_in(held)), DiagnoseOptions(
+            codes, error_budget, rounds, seed, criterion.value), report, explain)
 
     guarded("diagnose", work, debug, quiet)
 
@@ -79,7 +80,8 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     check_outputs(job, report=report)
     opened = open_all(job)
     loaded = opened.loaded
-    apart = only_stated(differing(job, opened.experiments, drive_for(job, opened)), job.step)
+    apart = differing(job, opened.experiments, drive_for(job, opened))
+    apart = own_of_held_out(apart, job, held) if options.criterion == "inverse" else only_stated(apart, job.step)
     opened, drive = with_torques(opened, apart.drive)
     split = len(opened.experiments) - held
     training, holdout = opened.experiments[:split], opened.experiments[split:]
@@ -88,8 +90,9 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)
     try:
-        free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)]
-        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive))
+        free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)
+                and name not in apart.free]
+        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), apart.free)
     except DriveToolError:
         draw_recordings(job, training)
         raise

@@ -96,6 +96,17 @@ def only_stated(found: Differing, step: str) -> Differing:
     return found
 
 
+def own_of_held_out(found: Differing, job: Job, held: int) -> Differing:
+    """The same for a step that fits what differs in recordings that only judge; held: how many of the last ones."""
+    fitted = [log for log in list(job.logs)[:len(job.logs) - held] if any(
+        pair.partition(BETWEEN)[0] == log and pair.partition(BETWEEN)[2].partition("=")[0].strip() == FREE
+        for pair in job.record)]
+    if fitted:
+        raise BadOption(f"recordings of --holdout after {OPTION} with {FREE}= of {job.step}", fitted[0],
+                        "Fit it with greybox --record, and pass the file that it writes.")
+    return found
+
+
 def _recording(file: str, logs: Sequence[str], experiments: Sequence[Experiment]) -> Experiment:
     """The recording of that name on the command line."""
     if file not in logs:

@@ -73,13 +73,14 @@ def candidate_table(candidates: Sequence[shapes.CandidateSection], title: str) -
 
 def gain_lines(gain: shapes.GainSection) -> list[str]:
     """Before and after on data held out."""
-    free = f"free runs of {short(gain.segment)} s over data held out"
+    free = f"free runs of {short(gain.segment)} s over data held out" if gain.of == "motion" else (
+        "torque that the motion asks for, over data held out")
     fresh = "" if gain.rmse_gain_ci95 is None else (
         " (on a further record lower by {} to {}, 95 %)".format(*(short(end, 3) for end in gain.rmse_gain_ci95)))
     lines = [
         f"{free}: rmse {short(gain.held_out_rmse_before)} -> {short(gain.held_out_rmse_after)} {gain.unit}{fresh}",
-        f"fit {short(gain.held_out_fit_before)} -> {short(gain.held_out_fit_after)} %; "
-        f"noise of the sensor {short(gain.noise_floor)} {gain.unit}"]
+        f"fit {short(gain.held_out_fit_before)} -> {short(gain.held_out_fit_after)} %" + (
+            "" if gain.noise_floor is None else f"; noise of the sensor {short(gain.noise_floor)} {gain.unit}")]
     if gain.unexplained_percent is not None:
         lines.append(f"left unexplained: {short(gain.unexplained_percent, 3)} % of what the base did not explain")
     return lines

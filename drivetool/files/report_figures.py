@@ -74,7 +74,7 @@ def _record(exhibit: Exhibit) -> Figure:
     for which in ("before", "after"):
         _line(error, which, curves[f"residual {which}"], linewidth=0.8, **_LOOK[which])
     error.set_ylabel(f"error\n{_unit(exhibit.y)}")
-    label = next(label for label in curves if label.startswith(("torque", "force")))
+    label = next(label for label in curves if label.endswith("]"))
     _line(torque, label, curves[label], color=INK, linewidth=0.8)
     torque.set_ylabel(label.replace(" ", "\n", 1))
     for axis in (whole, error, torque):

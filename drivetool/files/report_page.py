@@ -61,7 +61,8 @@ def _gain(gain: Gain) -> str:
     fresh = "" if gain.on_a_fresh_record is None else (
         " On a further record of this length it falls by {} to {}".format(
             *(short(end, 3) for end in gain.on_a_fresh_record)) + f" {escape(gain.unit)} (95 %).")
-    return (f'<div class="figures">{boxes}</div>\n<p class="small">Free runs of {gain.segment:g} s each, over data '
+    what = f"Free runs of {gain.segment:g} s each" if gain.of == "motion" else "Torque that the motion asks for"
+    return (f'<div class="figures">{boxes}</div>\n<p class="small">{what}, over data '
             f"that no fit has seen.{fresh}</p>")
 
 

@@ -77,7 +77,8 @@ def gain_words(gain: Gain) -> str:
     before, after = short(gain.held_out_rmse_before, 3), short(gain.held_out_rmse_after, 3)
     verb = "fell" if gain.held_out_rmse_after < gain.held_out_rmse_before else "went"
     noise = f"; the sensor's own noise is {short(gain.noise_floor, 2)}" if math.isfinite(gain.noise_floor) else ""
-    return (f"the error of free runs of {gain.segment:g} s over data held out {verb} from {before} to {after} "
+    what = f"free runs of {gain.segment:g} s" if gain.of == "motion" else "the torque that the motion asks for"
+    return (f"the error of {what} over data held out {verb} from {before} to {after} "
             f"{gain.unit}{noise}")
 
 

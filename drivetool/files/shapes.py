@@ -168,9 +168,11 @@ class CandidateSection(Shape):
 
 
 class GainSection(Shape):
-    """How much better free runs over data held out became."""
+    """How much better free runs over data held out became, or the torque that a motion asks for."""
 
     unit: Annotated[str, Meta(description="of rmse, its std and the noise floor")]
+    of: Annotated[Literal["motion", "torque"], Meta(
+        description="motion: errors of free runs; torque: of what the motion asks for")] = "motion"
     segment: Annotated[Number, Meta(description="length of the free runs in s")] = None
     held_out_rmse_before: Annotated[Number, Meta(description="of the base, fitted to all that is no judge")] = None
     held_out_rmse_after: Annotated[

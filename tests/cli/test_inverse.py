@@ -104,3 +104,34 @@ def test_a_short_record_is_refused(call, site):
     logged(site, "f.parquet", loop_record(AXIS, 1, seconds=0.13))
     found, _, err = fitted(call, site, log="f.parquet")
     assert found == 1 and "independent samples" in err
+
+
+def test_a_diagnosis_by_the_torque_names_what_the_base_lacks(call, site):
+    fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0")
+    code, _, err = call("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--params", site / "fit.yaml",
+                        "--criterion", "inverse", "--candidates", "coulomb-motor,quadratic-drag", "--plot", site,
+                        "--report", site / "page.html", "--out", site / "extended.yaml")
+    assert code == 0, err
+    content = yaml.safe_load((site / "extended.yaml").read_text())
+    told = content["diagnosis"]
+    assert told["verdict"] == "named" and told["causes"] == ["coulomb-motor"] and told["gain"]["of"] == "torque"
+    assert told["gain"]["held_out_rmse_after"] < 0.5 * told["gain"]["held_out_rmse_before"]
+    line = content["parameters"]["motor.coulomb"]
+    assert abs(line["value"] - AXIS.truth["motor.coulomb"]) < 4.0 * line["std"]
+    assert "orque that the motion asks for" in (site / "page.html").read_text()
+    assert list(site.glob("*diagnosis-record.png")) and list(site.glob("*diagnosis-candidates.png"))
+
+
+def test_what_a_judging_record_has_of_its_own_is_fitted_to_it_and_to_no_other(call, site):
+    fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0")
+    words = ("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--params", site / "fit.yaml",
+             "--candidates", "coulomb-motor", "--out", site / "extended.yaml", "--record")
+    code, _, err = call(*words, site / "b.parquet", "free=friction.factor", "--criterion", "inverse")
+    assert code == 0 and "held-out-own-values" in err
+    evidence = next(f for f in yaml.safe_load((site / "extended.yaml").read_text())["findings"]
+                    if f["code"] == "held-out-own-values")["evidence"]
+    assert abs(evidence["friction.factor@b.parquet"] - 1.0) < 0.05  # the machine is the same
+    code, _, err = call(*words, site / "a.parquet", "free=friction.factor", "--criterion", "inverse")
+    assert code == 2 and "--holdout" in err
+    code, _, err = call(*words, site / "b.parquet", "free=friction.factor")
+    assert code == 2 and "free=" in err

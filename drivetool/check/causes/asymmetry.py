@@ -30,4 +30,4 @@ CAUSES = (Cause(
     "asymmetric-friction", "friction that depends on the direction",
     "Friction is higher in one direction than in the other.",
     "Look for a preload, a screw or a belt that works in one direction.", "asymmetric-friction", starts=_starts,
-    sizes=("viscous_asymmetry",), bounds=_bounds, power=2),)
+    imposed=_starts, sizes=("viscous_asymmetry",), bounds=_bounds, power=2),)

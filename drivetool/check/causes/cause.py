@@ -50,6 +50,8 @@ class Cause:
     trace        (base) -> a start with hardly any of it, where no linear step at the neutral value tells what the
                  record resolves; None: there is no such start, or `starts` have amplitudes
     bounds       (base, task) -> how far its parameters may go while it is looked for
+    imposed      the same as `starts` where the motion is imposed and the torque is judged; None: that torque does
+                 not tell it
     implausible  (model with it, base) -> why it is none after all; empty: it may be one
     place        suffix of the parameter that says where or at which order it is
     located      suffixes of parameters that parts of a record cannot tell: found in all of it, and held then
@@ -83,6 +85,7 @@ class Cause:
     absent: Callable[[Model], tuple[State, str]] | None = None
     trace: Callable[[Model], Start] | None = None
     bounds: Callable[[Model, Task], Bounds] | None = None
+    imposed: Callable[[Model], list[Start]] | None = None
     implausible: Callable[[Model, Model], str] | None = None
     place: str = ""
     located: tuple[str, ...] = ()

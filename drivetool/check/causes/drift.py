@@ -57,7 +57,7 @@ def _endless(model: Model, _: Model) -> str:
 CAUSES = (Cause(
     "friction-drift", "friction that falls while warming up",
     "Friction was higher at the start of the record and fell as the drive warmed up.",
-    "Warm up first, or record until nothing changes.", "friction-drift", starts=_starts,
+    "Warm up first, or record until nothing changes.", "friction-drift", starts=_starts, imposed=_starts,
     sizes=("drift_coulomb", "drift_viscous", "drift_time"), further=("warm-up",), bounds=_bounds,
     implausible=_endless, located=(TIME,), searched=(TIME,), event=True,
     alike={"load-step": "Repeat the record warm: a drift is gone, a load step is not where it was.",

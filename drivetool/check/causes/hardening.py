@@ -30,6 +30,6 @@ CAUSES = (Cause(
     "hardening-stiffness", "a shaft whose stiffness changes with load",
     "The shaft or coupling gets stiffer the more torque it carries, or softer where its hardening is below zero, "
     "so the resonance moves with the load.", "Tune for the whole range of the resonance.", "hardening-stiffness",
-    starts=_starts, sizes=("hardening", "hardening_twist", "hardening_power"), bodies=2,
+    starts=_starts, imposed=_starts, sizes=("hardening", "hardening_twist", "hardening_power"), bodies=2,
     alike={"backlash": "Record torque steps at several preloads: a preload closes a gap, hardening goes on raising "
                        "the resonance."}),)

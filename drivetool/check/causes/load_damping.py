@@ -20,4 +20,4 @@ CAUSES = (Cause(
     "load-dependent-damping", "damping that grows with load",
     "Vibrations of the shaft die out faster the more torque it carries.",
     "Tune for the unloaded shaft, where the vibration lasts longest.", "load-dependent-damping", starts=_starts,
-    sizes=("load_damping",), bodies=2),)
+    imposed=_starts, sizes=("load_damping",), bodies=2),)

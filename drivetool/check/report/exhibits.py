@@ -46,7 +46,12 @@ def exhibits_of(views: Sequence[View], inertia: float, rounds: Sequence[Round] =
     quick = [_lacking(view, inertia, QUICK) for view in views]
     found += _over_speed(views, slow) + _over_torque(views, quick)
     found += _over_order(views, quick) + around(views, reversals_of(views))
-    found += [_candidates(n, one.candidates) for n, one in enumerate(rounds, 1)]
+    return (*(each for each in found if each.curves), *candidates_of(rounds))
+
+
+def candidates_of(rounds: Sequence[Round]) -> tuple[Exhibit, ...]:
+    """What was tried, a picture per round in which something was."""
+    found = (_candidates(n, one.candidates) for n, one in enumerate(rounds, 1))
     return tuple(each for each in found if each.curves)
 
 

@@ -68,7 +68,9 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     causes, between, found = codes
     words = _and(causes)
     way = "falls" if gain.held_out_rmse_after < gain.held_out_rmse_before else "goes"
-    better = (f"in free runs of {gain.segment:.3g} s over data held out the error {way} from "
+    where = "in free runs of {:.3g} s over data held out the error" if gain.of == "motion" else (
+        "over data held out the error of the torque that the motion asks for")
+    better = (f"{where.format(gain.segment)} {way} from "
               f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
     if verdict == "named":
         left = "" if gain.unexplained_percent < 1.0 else (
@@ -117,6 +119,9 @@ def _off(gain: Gain, laws: int) -> str:
     what = "position" if "/" not in gain.unit else "speed"
     them = "it" if laws == 1 else "them"
     before, after = (f"{e:.3g} {gain.unit}" for e in (gain.held_out_rmse_before, gain.held_out_rmse_after))
+    if gain.of == "torque":
+        return (f"Without {them} the torque that the motion asks for is off by {before} over data held out, with "
+                f"{them} by {after}")
     return (f"Without {them} the simulated {what} is off by {before} over data held out, with {them} by {after}, "
             f"in free runs of {gain.segment:.3g} s")
 

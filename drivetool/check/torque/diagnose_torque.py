@@ -1,0 +1,298 @@
+"""Diagnose where the motion is imposed: which cause makes a drive ask for the torque that was logged.
+
+Rounds, candidates and rules are those of a diagnosis by simulation. The judge is another one: the error of the
+torque over samples that no fit has seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from drivetool.check.causes import CAUSES
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
+from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.heldout import ONE_OFF, Score, price_of, total_evidence
+from drivetool.check.fit.model import BROKEN, Model
+from drivetool.check.fit.samples import Split, split_of
+from drivetool.check.report.exhibits import candidates_of
+from drivetool.check.report.rules import judged
+from drivetool.check.report.sentence import experiment_of, sentence_of
+from drivetool.check.report.size import sizes_of
+from drivetool.check.search.absence import law_of, why_absent
+from drivetool.check.search.attempt import TRIFLE
+from drivetool.check.search.decide import Decision, decide
+from drivetool.check.search.result import Found
+from drivetool.check.torque.exhibits import torque_exhibits
+from drivetool.check.torque.explanation import Explanation, Records, best_on, explanation, left_by_laws, records_of
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadParameters, Finding
+from drivetool.identify.estimate import Estimate, Parameter
+from drivetool.identify.inverse_dynamics.greybox import WEAK, askable, greybox_by_inverse
+from drivetool.identify.inverse_dynamics.instruments import reference_of
+from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
+from drivetool.identify.noise import Noise
+from drivetool.identify.options import Options
+from drivetool.identify.setup import Roles, first_point, roles_of
+from drivetool.identify.task import Task
+from drivetool.logs.experiment import Experiment
+
+# What a law leaves of a torque is no noise but other laws: a lead on the samples of the fit proves nothing beside
+# it, and data held out alone are evidence.
+INEXACT = np.inf
+BY_SIMULATION = "a torque that an imposed motion asks for does not tell it; a diagnosis by simulation does"
+
+
+@dataclass(frozen=True)
+class Node:
+    """The drive with the causes found so far.
+
+    model  the fit to all training samples as causes see it; elsewhere: where its own fit began, as long as no cause
+           was found: a base may have gone far to make up for what it lacks
+    """
+
+    model: Model
+    fit: Explanation
+    elsewhere: tuple[Model, ...] = ()
+    found: Found = field(default_factory=Found)
+    rounds: tuple[Round, ...] = ()
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A cause on top of a node: its fit, or why there is none."""
+
+    cause: Cause
+    model: Model | None = None
+    line: CandidateResult | None = None
+
+
+def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
+                    holdout: Sequence[Experiment] = (),
+                    begun: Mapping[str, float] = MappingProxyType({}), own: Sequence[str] = ()) -> Diagnosis:
+    """Find what the torque that a motion asks for lacks.
+
+    experiments  records with motor_torque and the motor's speed or angle; holdout: records that only judge, or
+                 none: then each half of the blocks judges what the other trained
+    drive, free  the base, fitted, and its fitted parameters; begun: values that its fit started from
+    own          names NAME@RECORD of what records held out have of their own: fitted to them, all else held
+    raises       BadOption: a path between torque and body, sums of friction; BadParameters; NotEnoughData
+    source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics; rules: report/rules.py
+    """
+    drive.require(drive.missing(), "a diagnosis")
+    if not free:
+        raise BadParameters("a base with fitted parameters", "none that was fitted",
+                            "Run greybox --criterion inverse on a record of this drive first.")
+    asked = Options(criterion="inverse")
+    askable(drive, free, asked)
+    logged = (*experiments, *holdout)
+    roles = roles_of(logged, drive)
+    # How long a chain remembers is a matter of where its fit began: a base that lacks friction may ring for ever.
+    start = drive.with_values({n: v for n, v in begun.items() if n in free})
+    sensor = roles.outputs[0]
+    inverse = recorded(logged, start, free, sensor, roles.inputs[1:])
+    reference, _ = reference_of(logged, sensor)
+    if reference is not None and strength(given := with_instruments(inverse, sensor, reference)) > WEAK:
+        inverse = given
+    records = records_of(inverse,
+                         split := split_of(logged, len(experiments), drive, roles), own)
+    node = first = _root(records, drive, tuple(free), roles, tuple(experiments))
+    for _ in range(options.rounds):
+        node, more = _round(node, records, split, options)
+        if not more:
+            break
+    return _told(first, node, records, split, drive, roles, options)
+
+
+def _root(records: Records, drive: Drive, free: tuple[str, ...], roles: Roles,
+          train: tuple[Experiment, ...]) -> Node:
+    """The base, fitted from where it is and from where the records were begun, whichever is likelier."""
+    begun = records.inverse.drive
+    fits = [explanation(records, d, free) for d in (drive, begun)]
+    fit, task = min(fits, key=lambda f: f.own.mean), Task(drive, free, roles, train)
+    away = _model("base", task, replace(fit, whole=replace(fit.whole, drive=begun)))
+    return Node(_model("base", task, fit), fit, (away,))
+
+
+def _model(code: str, task: Task, fit: Explanation) -> Model:
+    """A fit as the causes see it: they ask for drive, records and value, and for no filter."""
+    task = replace(task, drive=fit.whole.drive)
+    problem = task.problem()
+    return Model(code, task, problem, first_point(task.drive, problem, task.roles), Noise(1.0, None, np.ones(1)),
+                 fit.own.training)
+
+
+def _round(node: Node, records: Records, split: Split, options: DiagnoseOptions) -> tuple[Node, bool]:
+    """(the node with what the round found, whether that was anything)."""
+    trials = [_tried(CAUSES[code], node, records) for code in options.candidates or tuple(CAUSES)]
+    fits = {t.cause.code: _folded(t.model, node.model, records) for t in trials if t.model is not None}
+    # What the best of them leaves is as near to noise as the round comes: it says how many samples count.
+    share = min([node.fit, *fits.values()], key=lambda f: f.own.mean).own.share
+    bests = [best_on(node.fit, records, k) for k in range(len(records.judges))]
+    scores = [_score(t.model, node, fits[t.cause.code], bests, share) for t in trials if t.model is not None]
+    decision = decide(scores, options.error_budget, INEXACT)
+    lines = _lines(trials, scores, decision, node)
+    if decision.best is None:
+        return replace(node, rounds=(*node.rounds, Round(None, lines))), False
+    best, code = decision.best, decision.best.model.code
+    found, fit = node.found, fits[code]
+    new = tuple(n for n in best.model.task.free if n not in node.model.task.free)
+    found = Found((*found.causes, code), {**found.rivals, code: tuple(c for c in decision.between if c != code)},
+                  {**found.evidence, code: decision.evidence}, {**found.added, code: new},
+                  found.gained + best.gain, found.sure | ({code} if best.sure else set()))
+    gain = _gain(node.fit, fit, records, split)
+    return Node(replace(best.model, code="base"), fit, (), found, (*node.rounds, Round(code, lines, gain))), True
+
+
+def _tried(cause: Cause, node: Node, records: Records) -> Trial:
+    """The likeliest fit of a cause to all training samples."""
+    def absent(state: str, reason: str) -> Trial:
+        return Trial(cause, line=CandidateResult(cause.code, law_of(cause), state, reason=reason))
+
+    base = node.model
+    if cause.imposed is None or len(base.task.drive.bodies) < cause.bodies:
+        return absent("not-shown", BY_SIMULATION)
+    starts = [start for model in (base, *node.elsewhere) for start in cause.imposed(model)]
+    if not starts:
+        return absent(*why_absent(cause, base))
+    models = [m for m in (_begun(cause, start, base, records) for start in starts) if m is not None]
+    best = min(models, key=lambda m: m.value, default=None)
+    if best is None:
+        return absent("failed", "no fit came to an end where it may be")
+    if base.value - best.value < TRIFLE:
+        return absent("no-gain", "it does not make the records it is fitted to more likely")
+    return Trial(cause, best)
+
+
+def _begun(cause: Cause, start: Start, base: Model, records: Records) -> Model | None:
+    """The fit of a cause from a start; None where it fails, or ends where its cause says that it is none."""
+    task = start.task
+    try:
+        fit = explanation(records, task.drive, task.free, whole=True)
+        model = _model(cause.code, task, fit)
+    except BROKEN:
+        return None
+    bounds = cause.bounds(base, task) if cause.bounds else {}
+    inside = all(low <= (fit.whole.drive.value(n) or 0.0) <= high for n, (low, high) in bounds.items())
+    plausible = inside and np.isfinite(model.value) and not (cause.implausible and cause.implausible(model, base))
+    return model if plausible else None
+
+
+def _folded(model: Model, base: Model, records: Records) -> Explanation:
+    """The cause fitted to the training samples of every fold; when a one-off event was, all of the record tells."""
+    held = {n for n in model.task.free if n.endswith(ONE_OFF) and n not in base.task.free}
+    free = tuple(n for n in model.task.free if n not in held)
+    return explanation(records, model.task.drive, free)
+
+
+def _score(model: Model, node: Node, fit: Explanation, bests: Sequence[float], share: float) -> Score:
+    """What a cause is worth on the samples that judge.
+
+    bests  per fold, what the node reaches fitted to them; share: as which part of its number each sample counts
+    """
+    gains = share * (node.fit.test() - fit.test(doubted=True))[node.fit.squares[1] > 0]
+    price = price_of(model, node.model)
+    evidence = tuple(share * (best - float(j.test(doubted=True).sum())) - price
+                     for best, j in zip(bests, fit.judged, strict=True))
+    return Score(model, gains, evidence, tuple(j.training for j in fit.judged), (model,),
+                 share * (node.model.value - model.value), len(model.task.free) - len(node.model.task.free))
+
+
+def _lines(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
+           node: Node) -> tuple[CandidateResult, ...]:
+    """One line per cause, the best first."""
+    by_code, lines = {s.model.code: s for s in scores}, []
+    for t in trials:
+        s = by_code.get(t.cause.code)
+        if s is None or t.model is None:
+            assert t.line is not None
+            lines.append(t.line)
+            continue
+        state = "worse" if s.gain > 0.0 else "no-gain"
+        if t.cause.code in decision.between:
+            state = "named" if len(decision.between) == 1 else "possible"
+        drive = t.model.task.drive
+        values = tuple(Parameter(n, drive.values[n], drive.unit(n)) for n in t.model.task.free
+                       if n not in node.model.task.free)
+        lines.append(CandidateResult(
+            t.cause.code, law_of(t.cause), state, s.gain, s.gain_std,
+            total_evidence([s], INEXACT) / float(np.log(10.0)), parameters=values, sure=s.sure))
+    return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
+
+
+def _gain(before: Explanation, after: Explanation, records: Records, split: Split, percent: float = 0.0) -> Gain:
+    """The error of the torque over what judges."""
+    unit = records.inverse.drive.torque_unit
+    squares = [f.squares[0] / np.maximum(f.squares[1], 1) for f in (before, after)]
+    squares = [s[before.squares[1] > 0] for s in squares]
+    errors = max(before.rmse, 1e-300), max(after.rmse, 1e-300)
+    std = [float(np.std(d, ddof=1) / np.sqrt(len(d))) for d in (
+        squares[0] / (2.0 * errors[0]) - squares[1] / (2.0 * errors[1]), squares[0] - squares[1])]
+    i, a, b = blocks_of(split.traces)[0]
+    spread = _spread(records)
+    fits = [100.0 * (1.0 - e / spread) for e in errors]
+    return Gain(unit, (b - a) * split.traces[i].step, errors[0], errors[1], fits[0], fits[1], std[0],
+                std[1] / sum(errors), np.nan, percent, len(squares[0]), "torque")
+
+
+def _spread(records: Records) -> float:
+    """Standard deviation of the torque over what judges."""
+    values = [q.torque[q.used & m] for q, *masks in zip(
+        records.inverse.with_motion(), *records.judges, strict=True) for m in masks]
+    return float(np.std(np.concatenate(values)))
+
+
+def _told(first: Node, node: Node, records: Records, split: Split, before: Drive, roles: Roles,
+          options: DiagnoseOptions) -> Diagnosis:
+    """The diagnosis: facts, rule, estimate, sentence."""
+    left = left_by_laws(node.fit, records)
+    possible = max(node.found.gained, 0.0) + left
+    percent = 100.0 * left / possible if possible > 0.0 else 0.0
+    gain = _gain(first.fit, node.fit, records, split, percent)
+    found, task = node.found, node.model.task
+    facts = Facts(
+        causes=found.causes, between=found.between,
+        strongest=max(found.causes, key=lambda c: found.evidence[c], default=""),
+        hardly=tuple(c for c in found.causes if c not in found.sure), gained=found.gained, left=left,
+        before=gain.held_out_rmse_before, after=gain.held_out_rmse_after, scatter=gain.rmse_bar, floor=np.nan,
+        left_percent=percent)
+    verdict = judged(facts)
+    estimate = _estimate(task, before, roles, options, records)
+    if records.own:
+        own = _own_values(node.fit.trained[-1].drive, records)
+        estimate = replace(estimate, findings=(*estimate.findings, own))
+    codes = (verdict.causes, verdict.between, found.causes)
+    sentence = sentence_of(verdict.verdict, codes, "", gain, 0.0, doubt=verdict.doubt,
+                           sizes=sizes_of(found, estimate, first.model))
+    rounds = node.rounds if UNLISTED not in verdict.between else tuple(
+        replace(one, candidates=tuple(replace(c, state="possible") if c.state == "named" else c
+                                      for c in one.candidates)) for one in node.rounds)
+    experiment = experiment_of(verdict.between, verdict.verdict, bool(task.drive.shafts), roles.outputs,
+                               verdict.doubt, bool(found.causes))
+    pictures = (*torque_exhibits(first.fit.whole, node.fit.whole), *candidates_of(rounds))
+    return Diagnosis(replace(estimate, outcome=sentence), verdict.verdict, verdict.causes, verdict.between,
+                     experiment, dict(found.evidence), gain, rounds, sentence, pictures,
+                     found.causes if verdict.verdict == "unexplained" else (), verdict.rule, facts)
+
+
+def _own_values(drive: Drive, records: Records) -> Finding:
+    """What was fitted to records that only judge."""
+    told = {n: float(drive.values[n]) for n in records.own}
+    words = ", ".join(f"{n} {v:.4g} {drive.unit(n)}".rstrip() for n, v in told.items())
+    return Finding("note", "held-out-own-values", f"Fitted to records that only judge, all else held: {words}.",
+                   told)
+
+
+def _estimate(task: Task, before: Drive, roles: Roles, options: DiagnoseOptions, records: Records) -> Estimate:
+    """The extended drive with intervals, over the records that it is fitted to."""
+    drive = replace(before, values={**task.drive.values, **before.values})
+    fitted = greybox_by_inverse(task.experiments, task.drive, task.free, roles, Options(criterion="inverse"),
+                                records.inverse.lead[:records.fitted])
+    lines = tuple(replace(p, start=drive.values.get(p.name, p.start)) for p in fitted.parameters)
+    return replace(fitted, step="diagnose", parameters=lines, options={
+        "candidates": list(options.candidates), "error_budget": options.error_budget, "seed": options.seed,
+        "criterion": "inverse"})

@@ -1,0 +1,93 @@
+"""Diagnosis by the torque that an imposed motion asks for, on records of the simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.check.diagnose import diagnose
+from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.torque.explanation import independent
+from drivetool.drive.chain import one_body
+from drivetool.errors import BadOption, BadParameters
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from tests.recover import experiment
+from tests.simulator.effects import Effects
+from tests.simulator.fast import PI, simulate_fast
+from tests.simulator.machine import Machine
+from tests.simulator.records import white_noise
+
+STEP = 1e-3
+BY_TORQUE = DiagnoseOptions(("coulomb-motor", "quadratic-drag", "asymmetric-friction", "imbalance"),
+                            criterion="inverse")
+
+
+def moved(machine, seed, noise=2e-3, torque_noise=0.01, seconds=6.0):
+    """A stiff speed loop moves the motor to and fro, ever faster and slower."""
+    n = round(seconds / STEP)
+    time = np.arange(n) * STEP
+    height = 4.0 + 3.0 * np.sin(0.4 * time + np.random.default_rng(seed).uniform(0.0, 6.0))
+    reference = height * np.sin(2.0 * np.pi * time)
+    run = simulate_fast(machine, np.zeros(n), STEP, controller=PI(reference, 6.0, 60.0),
+                        torque_noise=white_noise(n, torque_noise, seed + 1),
+                        sensor_noise=white_noise(n, noise, seed + 2), finer=8)
+    return experiment(run.command, run.measured, reference_speed=reference)
+
+
+def base_of(record, drive, hold=()):
+    """(fitted drive, free names, what they began at) by the same criterion."""
+    found = greybox([record], drive, Options(criterion="inverse", hold=hold))
+    free = [p.name for p in found.parameters if p.status != "held"]
+    return found.drive, free, {p.name: p.start for p in found.parameters if p.name in free}
+
+
+BODY = {"motor.inertia": 0.06, "motor.viscous": 0.05, "motor.coulomb": 0.0}
+FRICTION = Machine((0.05,), (0.02,), (0.3,))
+DRAG = Machine((0.05,), (0.02,), (0.0,), effects=Effects(quadratic=(0.01,)))
+NOTHING = Machine((0.05,), (0.02,), (0.0,))
+
+
+@pytest.mark.parametrize(("machine", "named", "name", "true"), [
+    (FRICTION, "coulomb-motor", "motor.coulomb", 0.3), (DRAG, "quadratic-drag", "motor.drag", 0.01)])
+@pytest.mark.parametrize("held_out", [False, True], ids=["halves", "record"])
+def test_what_a_body_lacks_is_named_with_its_size_and_gain(machine, named, name, true, held_out):
+    record = moved(machine, 11)
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, [moved(machine, 21)] if held_out else (), begun)
+    assert found.verdict == "named" and found.causes == (named,) and found.between == ()
+    line = next(p for p in found.estimate.parameters if p.name == name)
+    assert line.ci95[0] < true < line.ci95[1] and line.std < 0.05 * true
+    assert found.gain.of == "torque" and found.gain.on_a_fresh_record[0] > 0.0
+    assert "torque that the motion asks for is off by" in found.sentence
+    states = {c.code: c.state for c in found.rounds[0].candidates}
+    assert states[named] == "named" and len(states) == len(BY_TORQUE.candidates)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+@pytest.mark.parametrize("reference", [True, False], ids=["instruments", "without"])
+def test_noise_of_a_closed_loop_is_no_cause(seed, reference):
+    """The sensor's noise is in the acceleration: least squares let a wave over the angle follow it."""
+    record = moved(NOTHING, seed)
+    if not reference:
+        record = replace(record, signals={n: v for n, v in record.signals.items() if n != "reference_speed"})
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, (), begun)
+    assert found.verdict == "nothing-found" and found.causes == ()
+
+
+def test_a_path_between_torque_and_body_or_a_base_without_fitted_parameters_is_refused():
+    record = moved(NOTHING, 11, seconds=3.0)
+    drive = one_body().with_values(BODY)
+    with pytest.raises(BadOption, match="converter"):
+        diagnose([record], drive.with_values({"converter.bandwidth": 50.0}), ["motor.inertia"], BY_TORQUE)
+    with pytest.raises(BadParameters, match="criterion inverse"):
+        diagnose([record], drive, [], BY_TORQUE)
+
+
+def test_correlated_errors_count_as_fewer():
+    """Bartlett: a moving mean over m values has 3 m / (2 m^2 + 1) of the independent ones."""
+    white = np.random.default_rng(5).standard_normal(40_000)
+    for m in (1, 2, 5, 10):
+        share = independent(np.convolve(white, np.ones(m), "valid"))
+        assert share == pytest.approx(3.0 * m / (2.0 * m**2 + 1.0), rel=0.15)
