@@ -108,9 +108,9 @@ def test_a_short_record_is_refused(call, site):
 
 def test_a_diagnosis_by_the_torque_names_what_the_base_lacks(call, site):
     fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0")
-    code, _, err = call("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--params", site / "fit.yaml",
-                        "--criterion", "inverse", "--candidates", "coulomb-motor,quadratic-drag", "--plot", site,
-                        "--report", site / "page.html", "--out", site / "extended.yaml")
+    code, _, err = call("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--criterion", "inverse",
+                        "--params", site / "fit.yaml", "--candidates", "coulomb-motor,quadratic-drag",
+                        "--plot", site, "--report", site / "page.html", "--out", site / "extended.yaml")
     assert code == 0, err
     content = yaml.safe_load((site / "extended.yaml").read_text())
     told = content["diagnosis"]

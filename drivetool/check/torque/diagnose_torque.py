@@ -273,7 +273,8 @@ def _told(first: Node, node: Node, records: Records, split: Split, before: Drive
                                       for c in one.candidates)) for one in node.rounds)
     experiment = experiment_of(verdict.between, verdict.verdict, bool(task.drive.shafts), roles.outputs,
                                verdict.doubt, bool(found.causes))
-    pictures = (*torque_exhibits(first.fit.whole, node.fit.whole), *candidates_of(rounds))
+    drawn = [f.trained[-1] if records.own else f.whole for f in (first.fit, node.fit)]
+    pictures = (*torque_exhibits(*drawn), *candidates_of(rounds))
     return Diagnosis(replace(estimate, outcome=sentence), verdict.verdict, verdict.causes, verdict.between,
                      experiment, dict(found.evidence), gain, rounds, sentence, pictures,
                      found.causes if verdict.verdict == "unexplained" else (), verdict.rule, facts)
