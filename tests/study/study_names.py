@@ -69,17 +69,19 @@ CODE = ("drivetool/logs", "drivetool/drive", "drivetool/identify", "drivetool/ch
 GRADES = ("right", "open", "unexplained", "missed", "wrong", "false-alarm", "failed")
 
 
-def given(situation: str, answer: Answer) -> str:
+def given(situation: str, answer: Answer, fair_names: Mapping[str, set[str]] = FAIR,
+          right: Sequence[str] = RIGHT) -> str:
     """One of GRADES.
 
+    fair_names  per law; right: situations in which nothing is missing
     open: neither certain nor excluded; where nothing is missing any answer but nothing is a false alarm
     """
     if answer.verdict == "failed":
         return "failed"
-    fair = FAIR.get(situation.removeprefix(GAP), set())
+    fair = fair_names.get(situation.removeprefix(GAP), set())
     named, between = set(answer.causes) - LOGGERS, set(answer.between) - LOGGERS
     nothing = answer.verdict == "nothing-found" or (answer.verdict == "named" and not named)
-    if situation in RIGHT:
+    if situation in right:
         return "right" if nothing else "false-alarm"
     if named - fair:
         return "wrong"
@@ -126,24 +128,31 @@ def one(job: Job) -> list[dict]:
         folder = Path(room)
         for name, each in (("record", record), ("held", held), ("fresh", fresh)):
             write(STEP, each.channels, folder / f"{name}.parquet")
-        start = start_file(record, job.seed, folder)
-        more = ["--holdout", "held.parquet"] if judged else []
         free = ["--free", "shaft.half_gap"] if record.gap else []
-        begun = _spent()
-        answer = ask(folder, [folder / "record.parquet"], start, free, more)
-        seconds = _spent() - begun
-        segment = answer.gain.get("segment") or 0.0
-        errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
-                  for name in ("base", "extended")}
-    about = {
-        "excitation": record.excitation, "sensors": list(record.channels), "judged": judged,
-        "share": record.truth.share, "grade": given(job.situation, answer), "verdict": answer.verdict,
-        "causes": list(answer.causes), "between": list(answer.between), "gain": answer.gain, "fresh": errors,
-        "rule": answer.rule, "facts": answer.facts,
+        found = answered(folder, start_file(record, job.seed, folder), free, judged)
+    grade = given(job.situation, found.pop("answer"))
+    about = {"excitation": record.excitation, "sensors": list(record.channels), "judged": judged,
+             "share": record.truth.share, "grade": grade, **found}
+    return job.rows(about, lambda _: {})
+
+
+def answered(folder: Path, start: Path, free: Sequence[str], judged: bool) -> dict:
+    """What the tool says of record.parquet in a folder, and what that is worth on fresh.parquet; answer: its own.
+
+    judged  whether held.parquet judges, or halves of the record
+    """
+    begun = _spent()
+    answer = ask(folder, [folder / "record.parquet"], start, free, ["--holdout", "held.parquet"] if judged else [])
+    seconds = _spent() - begun
+    segment = answer.gain.get("segment") or 0.0
+    errors = {name: fresh_error(folder, Path("fresh.parquet"), f"{name}.yaml", segment, run)
+              for name in ("base", "extended")}
+    return {
+        "answer": answer, "verdict": answer.verdict, "causes": list(answer.causes), "between": list(answer.between),
+        "gain": answer.gain, "fresh": errors, "rule": answer.rule, "facts": answer.facts,
         "gains": [[c["round"], c["code"], c["state"], c.get("gain"), c.get("gain_std"), c.get("evidence")]
                   for c in answer.candidates if c.get("gain") is not None],
         "talk": answer.talk[-300:] if answer.verdict == "failed" else "", "seconds": round(seconds, 1)}
-    return job.rows(about, lambda _: {})
 
 
 def _spent() -> float:
@@ -170,8 +179,11 @@ def results() -> Path:
     return options.results("study_names", CODE)
 
 
-def table(found: Sequence[Mapping]) -> str:
-    """Per law and size the grades and what was named wrongly; then shares with their limits."""
+def table(found: Sequence[Mapping], right: Sequence[str] = RIGHT) -> str:
+    """Per law and size the grades and what was named wrongly; then shares with their limits.
+
+    right  situations in which nothing is missing
+    """
     lines = [f"{'law':<22}" + "".join(f"{g:>13}" for g in GRADES) + "  wrong names"]
     for law in dict.fromkeys((row["law"], row["size"]) for row in found):
         mine = [row for row in found if (row["law"], row["size"]) == law]
@@ -180,8 +192,8 @@ def table(found: Sequence[Mapping]) -> str:
                         if row["grade"] in ("wrong", "false-alarm"))
         lines.append(f"{' '.join(law):<22}" + "".join(f"{count[g]:>13}" for g in GRADES) + "  "
                      + ", ".join(f"{name} {n}" for name, n in wrong.most_common(3)))
-    laws = [row for row in found if row["law"] not in RIGHT]
-    nulls = [row for row in found if row["law"] in RIGHT]
+    laws = [row for row in found if row["law"] not in right]
+    nulls = [row for row in found if row["law"] in right]
     for words_, hits, of in (
             ("wrong names", sum(r["grade"] == "wrong" for r in laws), len(laws)),
             ("false alarms", sum(r["grade"] == "false-alarm" for r in nulls), len(nulls)),

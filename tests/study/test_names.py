@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from drivetool.check.causes import CAUSES
 from tests.hidden.command import Answer
+from tests.study import study_names_one_body as one_body
 from tests.study.study_names import FAIR, another, given
 from tests.study.two_masses.laws import LAWS
 from tests.study.two_masses.record import arrange
@@ -13,6 +15,8 @@ from tests.study.two_masses.record import arrange
 
 def test_every_law_has_its_fair_names():
     assert set(FAIR) == set(LAWS)
+    assert set(one_body.FAIR) == set(one_body.LAWS)
+    assert set().union(*FAIR.values(), *one_body.FAIR.values()) <= set(CAUSES)
 
 
 @pytest.mark.parametrize(("situation", "verdict", "causes", "between", "grade"), [
@@ -37,3 +41,13 @@ def test_a_further_record_is_of_the_same_machine_under_the_same_law():
     assert first.machine is second.machine is setup.machine
     assert set(first.channels) == set(second.channels)
     assert not np.allclose(first.channels["motor_torque"], second.channels["motor_torque"])
+
+
+@pytest.mark.parametrize("law", ["lugre", "none"])
+def test_a_further_run_of_one_body_is_another_motion_of_the_same_machine(law):
+    setup, placed, _ = one_body.arrange(law, 0.15, 3, 5, 2.0)
+    second = one_body.another(setup, placed, law, 6, 9)
+    assert second.machine is setup.machine and second.step == setup.step
+    first, other = (one_body.channels_of(each, placed) for each in (setup, second))
+    assert set(first) == set(other) and len(first["motor_torque"]) == len(other["motor_torque"])
+    assert not np.allclose(first["motor_torque"], other["motor_torque"])
