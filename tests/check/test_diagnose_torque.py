@@ -5,13 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivetool.check.causes import CAUSES
 from drivetool.check.diagnose import diagnose
 from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.fit.model import Model
 from drivetool.check.torque.explanation import independent
-from drivetool.drive.chain import one_body
+from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.greybox import greybox
+from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
+from drivetool.identify.noise import Noise
 from drivetool.identify.options import Options
+from drivetool.identify.setup import first_point, roles_of
+from drivetool.identify.task import Task
 from tests.recover import experiment
 from tests.simulator.effects import Effects
 from tests.simulator.fast import PI, simulate_fast
@@ -91,3 +97,35 @@ def test_correlated_errors_count_as_fewer():
     for m in (1, 2, 5, 10):
         share = independent(np.convolve(white, np.ones(m), "valid"))
         assert share == pytest.approx(3.0 * m / (2.0 * m**2 + 1.0), rel=0.15)
+
+
+@pytest.mark.parametrize("code", [c.code for c in CAUSES.values() if c.imposed])
+def test_every_cause_of_an_imposed_motion_begins_with_laws_of_bodies_and_shafts(code):
+    time = STEP * np.arange(2000)
+    record = experiment(np.cos(9.0 * time), np.sin(9.0 * time))
+    drive = two_mass().with_values({
+        "motor.inertia": 0.05, "motor.viscous": 0.02, "motor.coulomb": 0.1, "load.inertia": 0.02,
+        "load.viscous": 0.01, "load.coulomb": 0.0, "shaft.stiffness": 400.0, "shaft.damping": 1.0})
+    if code == "coulomb-motor":
+        drive = drive.with_values({"motor.coulomb": 0.0})
+    roles = roles_of([record], drive)
+    task = Task(drive, ("motor.inertia", "load.viscous"), roles, (record,))
+    problem = task.problem()
+    base = Model("base", task, problem, first_point(drive, problem, roles), Noise(1.0, None, np.ones(1)), 0.0)
+    starts = CAUSES[code].imposed(base)
+    owners = {*drive.bodies, *drive.shafts, "friction"}
+    assert starts
+    for start in starts:
+        new = set(start.task.free) - set(task.free)
+        assert new and {n.partition(".")[0] for n in new} <= owners
+        assert start.task.drive.bodies == drive.bodies
+        logged_as_it_acts(start.task.drive, start.task.free)
+
+
+def test_causes_that_a_torque_does_not_tell_say_so():
+    record = moved(NOTHING, 11, seconds=3.0)
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, DiagnoseOptions(("converter-lag", "outliers"), criterion="inverse"), (),
+                     begun)
+    assert {c.state for c in found.rounds[0].candidates} == {"not-shown"}
+    assert all("simulation" in c.reason for c in found.rounds[0].candidates)

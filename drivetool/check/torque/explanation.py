@@ -210,8 +210,9 @@ def independent(left: np.ndarray) -> float:
     products = np.fft.irfft(np.abs(np.fft.rfft(left, size)) ** 2, size)[:max(len(left) // LAGS, 2)]
     if not products[0] > 0.0:
         return 1.0
-    chance = (len(products) - 1) / max(np.count_nonzero(left), 1)  # of white noise each has one over their number
-    return float(1.0 / (1.0 + 2.0 * max(np.sum((products[1:] / products[0]) ** 2) - chance, 0.0)))
+    # Chance gives each squared correlation the sum that is asked for, over their number.
+    chance = 2.0 * (len(products) - 1) / max(np.count_nonzero(left), 1)
+    return float(min((1.0 + chance) / (1.0 + 2.0 * np.sum((products[1:] / products[0]) ** 2)), 1.0))
 
 
 def left_by_laws(one: Explanation, records: Records) -> float:
