@@ -104,6 +104,9 @@ def own_of_held_out(found: Differing, job: Job, held: int) -> Differing:
     if fitted:
         raise BadOption(f"recordings of --holdout after {OPTION} with {FREE}= of {job.step}", fitted[0],
                         "Fit it with greybox --record, and pass the file that it writes.")
+    if found.starts:
+        raise BadOption(f"no state after {OPTION} of {job.step} --criterion inverse", f"{START}=",
+                        "The motion is taken as measured: leave it out.")
     return found
 
 

@@ -59,7 +59,7 @@ CODES = {
         "The fit of the simulated output is below the limit `--min-fit`.",
         "Look at the pictures of `--plot`, then run `diagnose`."),
     "held-out-own-values": Code(
-        "note",
+        NOTE,
         "A diagnosis by the torque that the motion asks for judged by records that have a parameter of their own "
         "(--record FILE free=NAME): it was fitted to them, with all other values held.",
         "Read the gain as that of a drive whose named parameter is known for each record."),

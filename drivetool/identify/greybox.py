@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import TOTALS, Drive, shared
 from drivetool.errors import BadOption, DriveToolError, Finding
 from drivetool.identify.channel_doubt import doubted_channels
 from drivetool.identify.compose import compose
@@ -74,9 +74,11 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         # The motion is known, so that a motor's friction is told from the others'.
         drive = apart(drive)
         free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
-        # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
-        behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
-        free = tuple(n for n in shared_by_some(free, drive, experiments) if n not in behind)
+        free = shared_by_some(free, drive, experiments)
+        if not bends_behind(drive, free):
+            # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
+            behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
+            free = tuple(n for n in free if n not in behind)
         return greybox_by_inverse(experiments, drive, free, roles, options)
     drive = with_totals(drive, (*options.free, *options.hold))
     asked, options = options, expanded(options, drive, experiments)
@@ -112,6 +114,12 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(estimate, task)))
     estimate = told_by(estimate, worth_of_shafts(white))
     return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
+
+
+def bends_behind(drive: Drive, free: Sequence[str]) -> bool:
+    """Whether dry friction or a gap behind the first body tells a torque there from one on that."""
+    return any(shared(n).endswith((".coulomb", ".half_gap")) and not n.startswith(f"{drive.bodies[0]}.")
+               and (n in free or (drive.value(n) or 0.0) > 0.0) for n in drive.quantities)
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:

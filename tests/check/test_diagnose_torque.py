@@ -11,7 +11,7 @@ from drivetool.check.diagnosis import DiagnoseOptions
 from drivetool.check.fit.model import Model
 from drivetool.check.torque.explanation import independent
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.errors import BadOption, BadParameters
+from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.greybox import greybox
 from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
 from drivetool.identify.noise import Noise
@@ -89,6 +89,32 @@ def test_a_path_between_torque_and_body_or_a_base_without_fitted_parameters_is_r
         diagnose([record], drive.with_values({"converter.bandwidth": 50.0}), ["motor.inertia"], BY_TORQUE)
     with pytest.raises(BadParameters, match="criterion inverse"):
         diagnose([record], drive, [], BY_TORQUE)
+    chain = two_mass().with_values({"motor.inertia": 0.05, "load.inertia": 0.02, "shaft.stiffness": 400.0,
+                                    "shaft.damping": 1.0, "total.viscous": 0.1})
+    with pytest.raises(BadOption, match="friction of each body"):
+        diagnose([record], chain, ["total.viscous"], BY_TORQUE)
+
+
+def test_a_record_too_short_to_judge_is_refused_and_one_without_torque_has_no_fit_percent():
+    record = moved(FRICTION, 11)
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    with pytest.raises(NotEnoughData, match="blocks that judge"):
+        diagnose([record], drive, free, BY_TORQUE, [moved(FRICTION, 21, seconds=0.5)], begun)
+    other = moved(FRICTION, 21)
+    silent = replace(other, signals={**other.signals, "motor_torque": 0.0 * other.signals["motor_torque"]})
+    found = diagnose([record], drive, free, BY_TORQUE, [silent], begun)
+    assert np.isnan(found.gain.held_out_fit_before) and np.isfinite(found.gain.held_out_rmse_before)
+
+
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_instruments_that_fail_on_the_record_that_judges_make_no_cause(seed):
+    """A drive fitted to it by least squares is the base's best there, whatever its reference tells."""
+    record, other = moved(NOTHING, 11), moved(NOTHING, seed, seconds=4.0)
+    still = np.full(other.size, 3.0)
+    still[:5] = 3.1
+    other = replace(other, signals={**other.signals, "reference_speed": still})
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    assert diagnose([record], drive, free, BY_TORQUE, [other], begun).causes == ()
 
 
 def test_correlated_errors_count_as_fewer():

@@ -35,7 +35,8 @@ def asked(monkeypatch):
     """What the stand-in was asked; `answer` is what it gives or raises."""
     seen = types.SimpleNamespace(answer=diagnosed.diagnosis())
 
-    def diagnose(experiments, drive, free, options, holdout, begun):
+    def diagnose(experiments, drive, free, options, holdout, begun, own):
+        assert own == ()
         seen.experiments, seen.drive, seen.free = experiments, drive, free
         seen.options, seen.holdout, seen.begun = options, holdout, begun
         if isinstance(seen.answer, Exception):

@@ -7,6 +7,7 @@ torque over samples that no fit has seen.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -29,21 +30,24 @@ from drivetool.check.search.decide import Decision, decide
 from drivetool.check.search.result import Found
 from drivetool.check.torque.exhibits import torque_exhibits
 from drivetool.check.torque.explanation import Explanation, Records, best_on, explanation, left_by_laws, records_of
-from drivetool.drive.chain import Drive
-from drivetool.errors import BadParameters, Finding
+from drivetool.drive.chain import AT, TOTALS, Drive
+from drivetool.errors import BadOption, BadParameters, Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Parameter
+from drivetool.identify.inverse_dynamics.equations import ROUNDED
 from drivetool.identify.inverse_dynamics.greybox import WEAK, askable, greybox_by_inverse
 from drivetool.identify.inverse_dynamics.instruments import reference_of
 from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
 from drivetool.identify.noise import Noise
 from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, first_point, roles_of
+from drivetool.identify.sums import apart
 from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
 
 # What a law leaves of a torque is no noise but other laws: a lead on the samples of the fit proves nothing beside
 # it, and data held out alone are evidence.
 INEXACT = np.inf
+FEWEST = 2  # blocks: one does not say how much they scatter
 BY_SIMULATION = "a torque that an imposed motion asks for does not tell it; a diagnosis by simulation does"
 
 
@@ -84,12 +88,25 @@ def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Seque
     source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics; rules: report/rules.py
     """
     drive.require(drive.missing(), "a diagnosis")
+    summed = [n for n in free if n in TOTALS]
+    if summed:
+        raise BadOption("a base with the friction of each body for --criterion inverse", ", ".join(summed),
+                        "Fit it with greybox --criterion inverse first.")
+    drive = apart(drive)
     if not free:
         raise BadParameters("a base with fitted parameters", "none that was fitted",
                             "Run greybox --criterion inverse on a record of this drive first.")
     asked = Options(criterion="inverse")
     askable(drive, free, asked)
     logged = (*experiments, *holdout)
+    if len({e.step for e in logged}) > 1:
+        raise BadOption("recordings of one sampling rate for --criterion inverse", "several",
+                        "Bring them to one with --condition 'decimate factor=N'.")
+    # What the base has of a record that only judges is fitted to that one, like what was asked for.
+    hashes = {n: drive.records.get(n.partition(AT)[2]) for n in free if AT in n}
+    trained, judging = ({e.sha256 for e in records} for records in (experiments, holdout))
+    own = tuple(dict.fromkeys((*own, *(n for n, sha in hashes.items() if sha in judging - trained))))
+    free = tuple(n for n in free if n not in own and (n not in hashes or hashes[n] in trained))
     roles = roles_of(logged, drive)
     # How long a chain remembers is a matter of where its fit began: a base that lacks friction may ring for ever.
     start = drive.with_values({n: v for n, v in begun.items() if n in free})
@@ -99,10 +116,14 @@ def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Seque
     if reference is not None and strength(given := with_instruments(inverse, sensor, reference)) > WEAK:
         inverse = given
     records = records_of(inverse,
-                         split := split_of(logged, len(experiments), drive, roles), own)
+                         split := split_of(logged, len(experiments), drive, roles), len(experiments), own)
     node = first = _root(records, drive, tuple(free), roles, tuple(experiments))
-    for _ in range(options.rounds):
-        node, more = _round(node, records, split, options)
+    if np.count_nonzero(first.fit.squares[1]) < FEWEST:
+        raise NotEnoughData(f"motion in at least {FEWEST} of the blocks that judge", "less",
+                            "Record longer, or leave --holdout away: then parts of the records judge each other.")
+    for number in range(options.rounds):
+        budget = options.error_budget * 0.5 ** (number + 1)
+        node, more = _round(node, records, split, options.candidates or tuple(CAUSES), budget)
         if not more:
             break
     return _told(first, node, records, split, drive, roles, options)
@@ -112,7 +133,9 @@ def _root(records: Records, drive: Drive, free: tuple[str, ...], roles: Roles,
           train: tuple[Experiment, ...]) -> Node:
     """The base, fitted from where it is and from where the records were begun, whichever is likelier."""
     begun = records.inverse.drive
-    fits = [explanation(records, d, free) for d in (drive, begun)]
+    fits = [explanation(records, drive, free)]
+    with suppress(*BROKEN):  # where its own fit began it may run away
+        fits.append(explanation(records, begun, free))
     fit, task = min(fits, key=lambda f: f.own.mean), Task(drive, free, roles, train)
     away = _model("base", task, replace(fit, whole=replace(fit.whole, drive=begun)))
     return Node(_model("base", task, fit), fit, (away,))
@@ -126,22 +149,34 @@ def _model(code: str, task: Task, fit: Explanation) -> Model:
                  fit.own.training)
 
 
-def _round(node: Node, records: Records, split: Split, options: DiagnoseOptions) -> tuple[Node, bool]:
-    """(the node with what the round found, whether that was anything)."""
-    trials = [_tried(CAUSES[code], node, records) for code in options.candidates or tuple(CAUSES)]
-    fits = {t.cause.code: _folded(t.model, node.model, records) for t in trials if t.model is not None}
+def _round(node: Node, records: Records, split: Split, codes: Sequence[str], budget: float) -> tuple[Node, bool]:
+    """(the node with what the round found, whether that was anything).
+
+    budget  share of records without a cause on which one may be found in this round
+    """
+    trials, fits = [], {}
+    for code in codes:
+        trial = _tried(CAUSES[code], node, records)
+        fit = None if trial.model is None else _folded(trial.model, node, records)
+        if fit is not None:
+            fits[code] = fit
+        elif trial.model is not None:
+            trial = replace(trial, model=None, line=CandidateResult(
+                code, law_of(trial.cause), "failed", reason="it runs away in parts of the records"))
+        trials.append(trial)
     # What the best of them leaves is as near to noise as the round comes: it says how many samples count.
     share = min([node.fit, *fits.values()], key=lambda f: f.own.mean).own.share
     bests = [best_on(node.fit, records, k) for k in range(len(records.judges))]
     scores = [_score(t.model, node, fits[t.cause.code], bests, share) for t in trials if t.model is not None]
-    decision = decide(scores, options.error_budget, INEXACT)
+    decision = decide(scores, budget, INEXACT)
     lines = _lines(trials, scores, decision, node)
     if decision.best is None:
         return replace(node, rounds=(*node.rounds, Round(None, lines))), False
     best, code = decision.best, decision.best.model.code
     found, fit = node.found, fits[code]
     new = tuple(n for n in best.model.task.free if n not in node.model.task.free)
-    found = Found((*found.causes, code), {**found.rivals, code: tuple(c for c in decision.between if c != code)},
+    general = [c for c in found.causes if c not in CAUSES[code].special]  # it contains those that are
+    found = Found((*general, code), {**found.rivals, code: tuple(c for c in decision.between if c != code)},
                   {**found.evidence, code: decision.evidence}, {**found.added, code: new},
                   found.gained + best.gain, found.sure | ({code} if best.sure else set()))
     gain = _gain(node.fit, fit, records, split)
@@ -182,11 +217,18 @@ def _begun(cause: Cause, start: Start, base: Model, records: Records) -> Model |
     return model if plausible else None
 
 
-def _folded(model: Model, base: Model, records: Records) -> Explanation:
-    """The cause fitted to the training samples of every fold; when a one-off event was, all of the record tells."""
-    held = {n for n in model.task.free if n.endswith(ONE_OFF) and n not in base.task.free}
+def _folded(model: Model, node: Node, records: Records) -> Explanation | None:
+    """The cause fitted to the training samples of every fold, None if it runs away where the node does not.
+
+    When a one-off event was, all of the record tells.
+    """
+    held = {n for n in model.task.free if n.endswith(ONE_OFF) and n not in node.model.task.free}
     free = tuple(n for n in model.task.free if n not in held)
-    return explanation(records, model.task.drive, free)
+    with suppress(*BROKEN):
+        fit = explanation(records, model.task.drive, free)
+        if np.array_equal(fit.squares[1], node.fit.squares[1]):
+            return fit
+    return None
 
 
 def _score(model: Model, node: Node, fit: Explanation, bests: Sequence[float], share: float) -> Score:
@@ -233,17 +275,18 @@ def _gain(before: Explanation, after: Explanation, records: Records, split: Spli
     std = [float(np.std(d, ddof=1) / np.sqrt(len(d))) for d in (
         squares[0] / (2.0 * errors[0]) - squares[1] / (2.0 * errors[1]), squares[0] - squares[1])]
     i, a, b = blocks_of(split.traces)[0]
-    spread = _spread(records)
-    fits = [100.0 * (1.0 - e / spread) for e in errors]
+    spread, rms = _spread(records)
+    fits = [100.0 * (1.0 - e / spread) if spread > ROUNDED * rms else np.nan for e in errors]
     return Gain(unit, (b - a) * split.traces[i].step, errors[0], errors[1], fits[0], fits[1], std[0],
                 std[1] / sum(errors), np.nan, percent, len(squares[0]), "torque")
 
 
-def _spread(records: Records) -> float:
-    """Standard deviation of the torque over what judges."""
+def _spread(records: Records) -> tuple[float, float]:
+    """Standard deviation of the torque over what judges, and its root mean square."""
     values = [q.torque[q.used & m] for q, *masks in zip(
         records.inverse.with_motion(), *records.judges, strict=True) for m in masks]
-    return float(np.std(np.concatenate(values)))
+    torque = np.concatenate(values)
+    return float(np.std(torque)), float(np.sqrt(np.mean(torque**2)))
 
 
 def _told(first: Node, node: Node, records: Records, split: Split, before: Drive, roles: Roles,

@@ -17,7 +17,7 @@ from drivetool.drive.chain import Drive
 from drivetool.identify.inverse_dynamics.equations import turns
 from drivetool.identify.inverse_dynamics.lacking import lacking, with_laws
 from drivetool.identify.inverse_dynamics.motion import NOISE_SHARE
-from drivetool.identify.inverse_dynamics.regression import Inverse, solved
+from drivetool.identify.inverse_dynamics.regression import Inverse, count_of, solved
 
 NONE = 0  # number of the block of a sample outside all: none of these is in a mask
 LAGS = 8  # of the samples, up to which their correlation is looked at
@@ -113,8 +113,8 @@ class Explanation:
         return float(np.sqrt(squares.sum() / max(counts.sum(), 1)))
 
 
-def records_of(inverse: Inverse, split: Split, own: Sequence[str] = ()) -> Records:
-    """The records with the blocks and folds of a split.
+def records_of(inverse: Inverse, split: Split, fitted: int, own: Sequence[str] = ()) -> Records:
+    """The records with the blocks and folds of a split; fitted, own: see Records.
 
     Samples about reversals are nobody's, whether or not dry friction is in the drive: all are judged alike.
     """
@@ -132,7 +132,6 @@ def records_of(inverse: Inverse, split: Split, own: Sequence[str] = ()) -> Recor
         judges.append(tuple(masks))
     lead = inverse.lead or tuple(np.zeros(n, bool) for n in sizes)
     lead = tuple(early | turns(m) for early, m in zip(lead, inverse.seen.each, strict=True))
-    fitted = len({k for k, _ in places[:split.fitted]})
     return Records(replace(inverse, lead=lead), fitted, tuple(blocks), tuple(judges), tuple(own))
 
 
@@ -157,10 +156,14 @@ def explanation(records: Records, drive: Drive, free: Sequence[str], whole: bool
 
 
 def best_on(one: Explanation, records: Records, fold: int) -> float:
-    """Least -log likelihood of the samples that judge a fold, by the same drive fitted to them."""
+    """Least -log likelihood of the samples that judge a fold, by the same drive fitted to them: by least squares.
+
+    Instruments would not lead to the least.
+    """
     judges, trained = records.judges[fold], one.trained[fold]
-    start = replace(trained, free=(*trained.free, *records.own))
-    return float(_judged(_fitted(start, judges), records, judges, judges).test().sum())
+    start = replace(trained, free=(*trained.free, *records.own), foreseen=None)
+    own = float(_judged(_fitted(start, judges), records, judges, judges).test().sum())
+    return min(own, float(one.judged[fold].test().sum()))
 
 
 def _fitted(start: Inverse, masks: Masks) -> Inverse:
@@ -221,6 +224,7 @@ def left_by_laws(one: Explanation, records: Records) -> float:
     names = lacking(start)
     if not names:
         return 0.0
-    rows = solved(with_laws(start, names)).at.rows()
-    mean = sum(float(np.sum(r.residual**2)) for r in rows) / one.own.count
-    return 0.5 * one.own.share * one.own.count * float(np.log(one.own.mean / mean))
+    # Without instruments: what laws foretell is to be as small as it can be.
+    rows = solved(with_laws(replace(start, foreseen=None), names)).at.rows()
+    mean = sum(float(np.sum(r.residual**2)) for r in rows) / max(count_of(rows), 1)
+    return max(0.5 * one.own.share * one.own.count * float(np.log(one.own.mean / max(mean, 1e-300))), 0.0)

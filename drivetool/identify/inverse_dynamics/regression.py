@@ -169,8 +169,11 @@ def recorded(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
 
     drive     sums of friction over its bodies are shared out first: the motion is that of one body
     sensor    role; lead: see Inverse; None: as long as the chain of the drive remembers how it began
-    raises    NotEnoughData: 50 values of the sensor in a row are not there
+    raises    NotEnoughData: the first body has no sensor, or 50 values of the sensor in a row are not there
     """
+    if not sensor.startswith(f"{drive.bodies[0]}_"):
+        raise NotEnoughData(f"the speed or angle of the {drive.bodies[0]} for --criterion inverse", sensor,
+                            "Log it, or take --criterion auto.")
     seen = motions_of(experiments, sensor)
     found = Inverse(apart(drive), tuple(free), tuple(experiments), tuple(inputs), seen)
     return found.led_in() if lead is None else replace(found, lead=lead)
@@ -220,7 +223,10 @@ def solved(record: Inverse) -> Solved:
         bends = np.array([_bends(record, rows, values, problem, one) for one in np.eye(len(values), dtype=bool)])
     change, inverse = _inside(rows, values, problem, bends)
     there, steps, converged = record.at(np.clip(values + change, problem.low, problem.high)), 1, True
-    record = record if problem.rows(there) is None else there
+    if problem.rows(there) is None:  # it runs away there
+        converged = False
+    else:
+        record = there
     if bends.any():
         values = np.array([record.drive.value(n) for n in record.free], float)
         solution = solve(replace(problem, record=record), Point(values, ()), enough=ENOUGH * problem.power)
