@@ -5,7 +5,8 @@
 
 The machines, excitations, noises and laws are those of tests/study/two_masses. Start values are off by some 15 %
 and have two digits, as a person writes them. Every other record is judged by one of another excitation and start
-state. A further one, which no command sees before, says what the extended drive gains.
+state. A further one, which no command sees before and whose motion is of the kind of those that judge, says what
+the extended drive gains.
 
 DRIVETOOL_STUDY_PER_LAW, _PER_RIGHT, _SIZES, _SHIFT, _WORKERS, _RESULTS  as in the study of missing laws
 """
@@ -46,6 +47,7 @@ from tests.study.two_masses.record import (
 )
 
 PER_LAW, PER_RIGHT = 2, 6
+OTHER = 3  # kinds of excitation further on is another one
 SIZES = ("M", "L")
 # The names of the catalogue that are fair for a law, and no others. A friction by direction is dry friction and a
 # constant torque as far as it does not depend on the speed; what is added to friction of the load is dry friction
@@ -122,8 +124,9 @@ def one(job: Job) -> list[dict]:
     """The row of one record."""
     record = draw(job.situation, job.size, job.number, job.seed)
     setup, law = arrange(job.situation, job.size, job.number, job.seed)
-    held, fresh = (another(setup, law, job.situation, job.number + k, job.seed + k) for k in (3, 5))
     judged = job.number % 2 == 1
+    held, fresh = (another(setup, law, job.situation, job.number + kind, job.seed + k)
+                   for kind, k in ((OTHER, 3), (OTHER * judged, 5)))
     with tempfile.TemporaryDirectory() as room:
         folder = Path(room)
         for name, each in (("record", record), ("held", held), ("fresh", fresh)):

@@ -26,7 +26,7 @@ from tests.study.shared import options, rows
 from tests.study.shared.command import write
 from tests.study.shared.options import number, words
 from tests.study.shared.rows import Job, Layout
-from tests.study.study_names import PER_LAW, PER_RIGHT, SIZES, answered, given, idle, table
+from tests.study.study_names import OTHER, PER_LAW, PER_RIGHT, SIZES, answered, given, idle, table
 
 # The names of the catalogue that are fair for a law, and no others, stated before the first record was run. LuGre
 # friction slides on a Stribeck curve. What a gap or a shaft hides behind it is no law of one body.
@@ -63,9 +63,9 @@ def one(job: Job) -> list[dict]:
     """The row of one record."""
     record = draw(job.situation, job.size, job.number, job.seed)
     setup, law, share = arrange(job.situation, SHARES.get(job.size, 0.0), job.number, job.seed)
-    runs = {"record": setup} | {name: another(setup, law, job.situation, job.number + k, job.seed + k)
-                                for name, k in (("held", 3), ("fresh", 5))}
     judged = job.number % 2 == 1
+    runs = {"record": setup} | {name: another(setup, law, job.situation, job.number + kind, job.seed + k)
+                                for name, kind, k in (("held", OTHER, 3), ("fresh", OTHER * judged, 5))}
     with tempfile.TemporaryDirectory() as room:
         folder = Path(room)
         for name, each in runs.items():
