@@ -96,7 +96,8 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     except DriveToolError:
         draw_recordings(job, training)
         raise
-    said = (*base_findings(loaded, training, holdout), verdict_finding(found), *found.estimate.findings)
+    before = base_findings(loaded, training, holdout, options.criterion)
+    said = (*before, verdict_finding(found), *found.estimate.findings)
     used = asdict(options) | dict(found.estimate.options) | {
         "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
     taken = used_by(job.step, opened.experiments, drive)

@@ -46,8 +46,8 @@ def check_holdout(training: Sequence[Experiment], holdout: Sequence[Experiment])
 
 
 def base_findings(loaded: Loaded, training: Sequence[Experiment],
-                  holdout: Sequence[Experiment]) -> tuple[Finding, ...]:
-    """Whether the base was fitted to these recordings, and not to those that judge."""
+                  holdout: Sequence[Experiment], criterion: str = "simulation") -> tuple[Finding, ...]:
+    """Whether the base was fitted to these recordings, not to those that judge, and to what is judged by."""
     seen = {entry.sha256 for source in loaded.sources for entry in source.file.data}
     found = []
     other = [e.name for e in training if e.sha256 not in seen]
@@ -64,6 +64,13 @@ def base_findings(loaded: Loaded, training: Sequence[Experiment],
             "warning", "held-out-record-was-fitted",
             f"The base was fitted to {', '.join(judged)}, which should only judge: the gain stated is too small.",
             {"recordings": len(judged)}, "Give a recording that no fit has seen."))
+    by_torque = [s.file.options.get("criterion") == "inverse" for s in loaded.sources if s.file.data]
+    if any(by_torque) and criterion != "inverse":
+        found.append(Finding(
+            "warning", "base-fitted-to-the-torque",
+            "The base was fitted to the torque that the motion asks for, and is diagnosed by the motion that the "
+            "torque makes: where the motion was imposed, causes of that are none.", {},
+            "Diagnose with --criterion inverse, or fit the base by a simulation first."))
     said = [f for source in loaded.sources for f in source.file.findings if f.code in SHIFTED]
     return (*found, *(Finding(
         "warning", "base-with-shifted-torque",

@@ -8,6 +8,11 @@ CODES = {
         "The base of a diagnosis was fitted to other recordings. A difference between the recordings, as in "
         "temperature or load, may be taken for a cause.",
         "Fit the base to these recordings with `greybox`."),
+    "base-fitted-to-the-torque": Code(
+        WARNING,
+        "The base of a diagnosis by simulation was fitted by `--criterion inverse`. Where the motion was imposed, "
+        "the torque is its answer, and a simulation takes it for the cause.",
+        "Run `diagnose --criterion inverse`, or fit the base by a simulation."),
     "base-with-shifted-torque": Code(
         WARNING,
         "The fit that the diagnosis starts from says that the torque is logged a sample late or early. A diagnosis "

@@ -135,3 +135,12 @@ def test_what_a_judging_record_has_of_its_own_is_fitted_to_it_and_to_no_other(ca
     assert code == 2 and "--holdout" in err
     code, _, err = call(*words, site / "b.parquet", "free=friction.factor")
     assert code == 2 and "free=" in err
+
+
+def test_a_simulation_of_a_base_that_was_fitted_to_the_torque_is_warned_of(call, site):
+    fitted(call, site)
+    words = ("diagnose", site / "a.parquet", "--params", site / "fit.yaml", "--candidates", "quadratic-drag",
+             "--out", site / "extended.yaml")
+    for more, warned in (((), True), (("--criterion", "inverse"), False)):
+        _, _, err = call(*words, *more)
+        assert ("base-fitted-to-the-torque" in err) == warned
