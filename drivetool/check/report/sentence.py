@@ -73,7 +73,7 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
     better = (f"{where.format(gain.segment)} {way} from "
               f"{gain.held_out_rmse_before:.4g} to {gain.held_out_rmse_after:.4g} {gain.unit}")
     if verdict == "named":
-        left = "" if gain.unexplained_percent < 1.0 else (
+        left = "" if not gain.unexplained_percent >= 1.0 else (
             f"; {gain.unexplained_percent:.0f} % of what the base left unexplained is still there")
         faults = _and([c for c in causes if c not in found])
         if not found:
@@ -107,8 +107,10 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
         if unasked:
             known = _said(unasked)
             return f"Something is missing that none of the candidates explains;{near} {known} would."
-        return (f"Something is missing that no cause in the catalogue explains.{near} "
-                f"{gain.unexplained_percent:.0f} % of what could be explained is left.")
+        rest = f" {gain.unexplained_percent:.0f} % of what could be explained is left."
+        if not np.isfinite(gain.unexplained_percent):
+            rest, near = "", near.removesuffix(", but") + "." * bool(near)
+        return f"Something is missing that no cause in the catalogue explains.{near}{rest}"
     own = f" The drive it was given has {_and(had)} already." if had else ""
     return ("Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would "
             f"explain.{own}")

@@ -295,7 +295,8 @@ def _told(first: Node, node: Node, records: Records, split: Split, before: Drive
     left = left_by_laws(node.fit, records)
     possible = max(node.found.gained, 0.0) + left
     percent = 100.0 * left / possible if possible > 0.0 else 0.0
-    gain = _gain(first.fit, node.fit, records, split, percent)
+    # Laws of the motion are not all that can be left of a torque: none says nothing of the rest.
+    gain = _gain(first.fit, node.fit, records, split, percent if left > 0.0 else np.nan)
     found, task = node.found, node.model.task
     facts = Facts(
         causes=found.causes, between=found.between,
