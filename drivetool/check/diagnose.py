@@ -27,12 +27,12 @@ from drivetool.check.fit.forecast import blocks_under_test
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, from_start
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.samples import split_of
+from drivetool.check.inverse_dynamics.diagnose_by_inverse import diagnose_by_inverse
 from drivetool.check.report.rules import UNEXPLAINED
 from drivetool.check.report.story import tell
 from drivetool.check.search.look import look
 from drivetool.check.search.result import Base, Searched, fitted_to_all
 from drivetool.check.search.search import Search
-from drivetool.check.torque.diagnose_torque import diagnose_torque
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadParameters, DriveToolError, Finding, NotEnoughData
 from drivetool.identify.cooling import SHAPE
@@ -85,7 +85,7 @@ def diagnose(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str
                  errors
     """
     if options.criterion == "inverse":
-        return diagnose_torque(experiments, drive, free, options, holdout, begun, own)
+        return diagnose_by_inverse(experiments, drive, free, options, holdout, begun, own)
     wanted = options.candidates or tuple(CAUSES)
     drive.require(drive.missing(), "a diagnosis")
     drive, free = as_begun(drive, free, begun)

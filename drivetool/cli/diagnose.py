@@ -81,9 +81,10 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     opened = open_all(job)
     loaded = opened.loaded
     apart = differing(job, opened.experiments, drive_for(job, opened))
-    apart = own_of_held_out(apart, job, held) if options.criterion == "inverse" else only_stated(apart, job.step)
-    opened, drive = with_torques(opened, apart.drive)
     split = len(opened.experiments) - held
+    apart = (own_of_held_out(apart, opened.experiments[:split], job.step) if options.criterion == "inverse"
+             else only_stated(apart, job.step))
+    opened, drive = with_torques(opened, apart.drive)
     training, holdout = opened.experiments[:split], opened.experiments[split:]
     check_holdout(training, holdout)
     check_base(loaded, drive)

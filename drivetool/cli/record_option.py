@@ -96,16 +96,15 @@ def only_stated(found: Differing, step: str) -> Differing:
     return found
 
 
-def own_of_held_out(found: Differing, job: Job, held: int) -> Differing:
-    """The same for a step that fits what differs in recordings that only judge; held: how many of the last ones."""
-    fitted = [log for log in list(job.logs)[:len(job.logs) - held] if any(
-        pair.partition(BETWEEN)[0] == log and pair.partition(BETWEEN)[2].partition("=")[0].strip() == FREE
-        for pair in job.record)]
-    if fitted:
-        raise BadOption(f"recordings of --holdout after {OPTION} with {FREE}= of {job.step}", fitted[0],
+def own_of_held_out(found: Differing, training: Sequence[Experiment], step: str) -> Differing:
+    """The same for a step that fits what differs in recordings that only judge; training: the others."""
+    fitted = {e.sha256 for e in training}
+    taken = [label for n in found.free if found.drive.records[label := n.partition("@")[2]] in fitted]
+    if taken:
+        raise BadOption(f"recordings of --holdout after {OPTION} with {FREE}= of {step}", taken[0],
                         "Fit it with greybox --record, and pass the file that it writes.")
     if found.starts:
-        raise BadOption(f"no state after {OPTION} of {job.step} --criterion inverse", f"{START}=",
+        raise BadOption(f"no state after {OPTION} of {step} --criterion inverse", f"{START}=",
                         "The motion is taken as measured: leave it out.")
     return found
 

@@ -132,7 +132,7 @@ def one(job: Job) -> list[dict]:
         for name, each in (("record", record), ("held", held), ("fresh", fresh)):
             write(STEP, each.channels, folder / f"{name}.parquet")
         free = ["--free", "shaft.half_gap"] if record.gap else []
-        found = answered(folder, start_file(record, job.seed, folder), free, judged)
+        found = answered(folder, start_file(start_values(record, job.seed), folder), free, judged)
     grade = given(job.situation, found.pop("answer"))
     about = {"excitation": record.excitation, "sensors": list(record.channels), "judged": judged,
              "share": record.truth.share, "grade": grade, **found}
@@ -164,11 +164,11 @@ def _spent() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def start_file(record: Record, seed: int, folder: Path) -> Path:
-    """start.yaml by hand: values off, in two digits."""
-    values = {name: float(f"{value:.2g}") for name, value in start_values(record, seed).items()}
+def start_file(off: Mapping[str, float], folder: Path, drive: str = "two-mass") -> Path:
+    """start.yaml by hand: values that are off, in two digits."""
+    values = {name: float(f"{value:.2g}") for name, value in off.items()}
     path = folder / "start.yaml"
-    path.write_text(yaml.safe_dump({"schema": "drivetool/parameters/1", "drive": {"name": "two-mass"},
+    path.write_text(yaml.safe_dump({"schema": "drivetool/parameters/1", "drive": {"name": drive},
                                     "parameters": values}, sort_keys=False))
     return path
 

@@ -15,18 +15,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from tests.study.missing_laws import kernel
 from tests.study.missing_laws.estimators import start_values
 from tests.study.missing_laws.laws import LAWS, Law
 from tests.study.missing_laws.laws import SIZES as SHARES
-from tests.study.missing_laws.record import RIGHT, Record, Setup, arrange, draw, moving, prepare, simulate
+from tests.study.missing_laws.record import RIGHT, Setup, arrange, draw, moving, prepare, simulate
 from tests.study.shared import options, rows
 from tests.study.shared.command import write
 from tests.study.shared.options import number, words
 from tests.study.shared.rows import Job, Layout
-from tests.study.study_names import OTHER, PER_LAW, PER_RIGHT, SIZES, answered, given, idle, table
+from tests.study.study_names import OTHER, PER_LAW, PER_RIGHT, SIZES, answered, given, idle, start_file, table
 
 # The names of the catalogue that are fair for a law, and no others, stated before the first record was run. LuGre
 # friction slides on a Stribeck curve. What a gap or a shaft hides behind it is no law of one body.
@@ -70,20 +69,11 @@ def one(job: Job) -> list[dict]:
         folder = Path(room)
         for name, each in runs.items():
             write(each.step, channels_of(each, law), folder / f"{name}.parquet")
-        found = answered(folder, start_file(record, job.seed, folder), [], judged)
+        found = answered(folder, start_file(start_values(record, job.seed), folder, "one-body"), [], judged)
     grade = given(job.situation, found.pop("answer"), FAIR, RIGHT)
     about = {"excitation": record.excitation, "sensors": [record.role], "judged": judged, "share": share,
              "grade": grade, **found}
     return job.rows(about, lambda _: {})
-
-
-def start_file(record: Record, seed: int, folder: Path) -> Path:
-    """start.yaml by hand: values off, in two digits."""
-    values = {name: float(f"{value:.2g}") for name, value in start_values(record, seed).items()}
-    path = folder / "start.yaml"
-    path.write_text(yaml.safe_dump({"schema": "drivetool/parameters/1", "drive": {"name": "one-body"},
-                                    "parameters": values}, sort_keys=False))
-    return path
 
 
 def results() -> Path:

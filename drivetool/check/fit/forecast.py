@@ -100,14 +100,21 @@ def _bounded(simulated: np.ndarray, measured: np.ndarray) -> np.ndarray:
 
 def gain_of(before: Forecast, after: Forecast, unit: str, segment: float, floor: float,
             unexplained: float) -> Gain:
-    """The gain between two forecasts of the same blocks.
+    """The gain between two forecasts of the same blocks."""
+    return gain_by_blocks((before.rmse, after.rmse), (before.fit, after.fit), [before.squares, after.squares], unit,
+                          segment, floor, unexplained)
+
+
+def gain_by_blocks(errors: tuple[float, float], fits: tuple[float, float], squares: Sequence[np.ndarray], unit: str,
+                   segment: float, floor: float, unexplained: float) -> Gain:
+    """The gain between two models, before and after, with its scatter over the blocks that both are judged by.
 
     A root's change is that of its square over twice itself: so the scatter over blocks becomes a standard error.
+
+    errors   rms over all blocks; fits: in per cent; squares: (blocks,) mean squared errors each
     """
-    errors = before.rmse, after.rmse
-    squares = [f.squares for f in (before, after)]
     roots = [s / max(2.0 * e, 1e-300) for s, e in zip(squares, errors, strict=True)]
-    return Gain(unit, segment, *errors, before.fit, after.fit, _std_of_mean(roots[0] - roots[1]),
+    return Gain(unit, segment, *errors, *fits, _std_of_mean(roots[0] - roots[1]),
                 _std_of_mean(squares[0] - squares[1]) / max(sum(errors), 1e-300), floor, unexplained,
                 len(squares[0]))
 

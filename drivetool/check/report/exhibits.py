@@ -63,23 +63,27 @@ def _record(view: View) -> Exhibit:
         "simulated after": (view.time, view.after),
         "residual before": (view.time, errors["before"]), "residual after": (view.time, errors["after"]),
         f"{view.words[1]} [{view.units[1]}]": (view.time, view.torque),
-        "close-up": (np.array(_worst(view)), np.zeros(2))}
+        "close-up": (np.array(worst(view.time, errors, view.pieces(), _step(view))), np.zeros(2))}
     return Exhibit("diagnosis-record", f"{view.name}: measured and simulated", "time [s]",
                    f"{label} [{view.units[0]}]", curves)
 
 
-def _worst(view: View) -> tuple[float, float]:
-    """The CLOSE seconds over which the base errs most against the extended drive, not across a break."""
-    errors = {k: np.nan_to_num(e) ** 2 for k, e in view.errors.items()}
-    best, where = -np.inf, (view.time[0], view.time[min(len(view.time) - 1, 1)])
-    for piece in view.pieces():
-        time = view.time[piece]
-        width = min(len(time), max(2, round(CLOSE / _step(view))))
-        gain = np.cumsum(np.concatenate([[0.0], (errors["before"] - errors["after"])[piece]]))
+def worst(time: np.ndarray, errors: Mapping[str, np.ndarray], pieces: Sequence[slice],
+          step: float) -> tuple[float, float]:
+    """The CLOSE seconds over which the base errs most against the extended drive, not across a break.
+
+    time    (n,); errors: before and after, (n,) each; pieces: of the record without breaks; step: [s]
+    """
+    lost = np.nan_to_num(errors["before"]) ** 2 - np.nan_to_num(errors["after"]) ** 2
+    best, where = -np.inf, (time[0], time[min(len(time) - 1, 1)])
+    for piece in pieces:
+        here = time[piece]
+        width = min(len(here), max(2, round(CLOSE / step)))
+        gain = np.cumsum(np.concatenate([[0.0], lost[piece]]))
         sums = gain[width:] - gain[:-width]
         k = int(np.argmax(sums))
         if sums[k] > best:
-            best, where = sums[k], (time[k], time[k + width - 1])
+            best, where = sums[k], (here[k], here[k + width - 1])
     return where
 
 

@@ -17,9 +17,19 @@ from drivetool.check.causes import CAUSES
 from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
 from drivetool.check.fit.folds import blocks_of
+from drivetool.check.fit.forecast import gain_by_blocks
 from drivetool.check.fit.heldout import ONE_OFF, Score, price_of, total_evidence
 from drivetool.check.fit.model import BROKEN, Model
 from drivetool.check.fit.samples import Split, split_of
+from drivetool.check.inverse_dynamics.exhibits import torque_exhibits
+from drivetool.check.inverse_dynamics.explanation import (
+    Explanation,
+    Records,
+    best_on,
+    explanation,
+    left_by_laws,
+    records_of,
+)
 from drivetool.check.report.exhibits import candidates_of
 from drivetool.check.report.rules import judged
 from drivetool.check.report.sentence import experiment_of, sentence_of
@@ -28,15 +38,13 @@ from drivetool.check.search.absence import law_of, why_absent
 from drivetool.check.search.attempt import TRIFLE
 from drivetool.check.search.decide import Decision, decide
 from drivetool.check.search.result import Found
-from drivetool.check.torque.exhibits import torque_exhibits
-from drivetool.check.torque.explanation import Explanation, Records, best_on, explanation, left_by_laws, records_of
 from drivetool.drive.chain import AT, TOTALS, Drive
 from drivetool.errors import BadOption, BadParameters, Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.identify.inverse_dynamics.equations import ROUNDED
 from drivetool.identify.inverse_dynamics.greybox import WEAK, askable, greybox_by_inverse
 from drivetool.identify.inverse_dynamics.instruments import reference_of
-from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
+from drivetool.identify.inverse_dynamics.regression import Inverse, recorded, strength, with_instruments
 from drivetool.identify.noise import Noise
 from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, first_point, roles_of
@@ -44,9 +52,9 @@ from drivetool.identify.sums import apart
 from drivetool.identify.task import Task
 from drivetool.logs.experiment import Experiment
 
-# What a law leaves of a torque is no noise but other laws: a lead on the samples of the fit proves nothing beside
-# it, and data held out alone are evidence.
-INEXACT = np.inf
+# Log likelihood that was gained before, beside which no lead on the samples of the fit counts: what a law leaves of
+# a torque is no noise but other laws, and data held out alone are evidence.
+ALL_GAINED = np.inf
 FEWEST = 2  # blocks: one does not say how much they scatter
 BY_SIMULATION = "a torque that an imposed motion asks for does not tell it; a diagnosis by simulation does"
 
@@ -75,9 +83,9 @@ class Trial:
     line: CandidateResult | None = None
 
 
-def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str], options: DiagnoseOptions,
-                    holdout: Sequence[Experiment] = (),
-                    begun: Mapping[str, float] = MappingProxyType({}), own: Sequence[str] = ()) -> Diagnosis:
+def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: Sequence[str],
+                        options: DiagnoseOptions, holdout: Sequence[Experiment] = (),
+                        begun: Mapping[str, float] = MappingProxyType({}), own: Sequence[str] = ()) -> Diagnosis:
     """Find what the torque that a motion asks for lacks.
 
     experiments  records with motor_torque and the motor's speed or angle; holdout: records that only judge, or
@@ -110,13 +118,8 @@ def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Seque
     roles = roles_of(logged, drive)
     # How long a chain remembers is a matter of where its fit began: a base that lacks friction may ring for ever.
     start = drive.with_values({n: v for n, v in begun.items() if n in free})
-    sensor = roles.outputs[0]
-    inverse = recorded(logged, start, free, sensor, roles.inputs[1:])
-    reference, _ = reference_of(logged, sensor)
-    if reference is not None and strength(given := with_instruments(inverse, sensor, reference)) > WEAK:
-        inverse = given
-    records = records_of(inverse,
-                         split := split_of(logged, len(experiments), drive, roles), len(experiments), own)
+    split = split_of(logged, len(experiments), drive, roles)
+    records = records_of(_motion_of(logged, start, free, roles), split, len(experiments), own)
     node = first = _root(records, drive, tuple(free), roles, tuple(experiments))
     if np.count_nonzero(first.fit.squares[1]) < FEWEST:
         raise NotEnoughData(f"motion in at least {FEWEST} of the blocks that judge", "less",
@@ -127,6 +130,17 @@ def diagnose_torque(experiments: Sequence[Experiment], drive: Drive, free: Seque
         if not more:
             break
     return _told(first, node, records, split, drive, roles, options)
+
+
+def _motion_of(logged: Sequence[Experiment], drive: Drive, free: Sequence[str], roles: Roles) -> Inverse:
+    """The records with instruments from their reference, where that tells enough."""
+    sensor = roles.outputs[0]
+    found = recorded(logged, drive, free, sensor, roles.inputs[1:])
+    reference, _ = reference_of(logged, sensor)
+    if reference is None:
+        return found
+    given = with_instruments(found, sensor, reference)
+    return given if strength(given) > WEAK else found
 
 
 def _root(records: Records, drive: Drive, free: tuple[str, ...], roles: Roles,
@@ -168,7 +182,7 @@ def _round(node: Node, records: Records, split: Split, codes: Sequence[str], bud
     share = min([node.fit, *fits.values()], key=lambda f: f.own.mean).own.share
     bests = [best_on(node.fit, records, k) for k in range(len(records.judges))]
     scores = [_score(t.model, node, fits[t.cause.code], bests, share) for t in trials if t.model is not None]
-    decision = decide(scores, budget, INEXACT)
+    decision = decide(scores, budget, ALL_GAINED)
     lines = _lines(trials, scores, decision, node)
     if decision.best is None:
         return replace(node, rounds=(*node.rounds, Round(None, lines))), False
@@ -262,23 +276,21 @@ def _lines(trials: Sequence[Trial], scores: Sequence[Score], decision: Decision,
                        if n not in node.model.task.free)
         lines.append(CandidateResult(
             t.cause.code, law_of(t.cause), state, s.gain, s.gain_std,
-            total_evidence([s], INEXACT) / float(np.log(10.0)), parameters=values, sure=s.sure))
+            total_evidence([s], ALL_GAINED) / float(np.log(10.0)), parameters=values, sure=s.sure))
     return tuple(sorted(lines, key=lambda r: (-(r.gain if r.gain is not None else -np.inf), r.code)))
 
 
 def _gain(before: Explanation, after: Explanation, records: Records, split: Split, percent: float = 0.0) -> Gain:
     """The error of the torque over what judges."""
     unit = records.inverse.drive.torque_unit
-    squares = [f.squares[0] / np.maximum(f.squares[1], 1) for f in (before, after)]
-    squares = [s[before.squares[1] > 0] for s in squares]
-    errors = max(before.rmse, 1e-300), max(after.rmse, 1e-300)
-    std = [float(np.std(d, ddof=1) / np.sqrt(len(d))) for d in (
-        squares[0] / (2.0 * errors[0]) - squares[1] / (2.0 * errors[1]), squares[0] - squares[1])]
+    moves = before.squares[1] > 0
+    squares = [f.squares[0][moves] / f.squares[1][moves] for f in (before, after)]
+    errors = before.rmse, after.rmse
     i, a, b = blocks_of(split.traces)[0]
     spread, rms = _spread(records)
     fits = [100.0 * (1.0 - e / spread) if spread > ROUNDED * rms else np.nan for e in errors]
-    return Gain(unit, (b - a) * split.traces[i].step, errors[0], errors[1], fits[0], fits[1], std[0],
-                std[1] / sum(errors), np.nan, percent, len(squares[0]), "torque")
+    return replace(gain_by_blocks(errors, (fits[0], fits[1]), squares, unit, (b - a) * split.traces[i].step, np.nan,
+                                  percent), of="torque")
 
 
 def _spread(records: Records) -> tuple[float, float]:
@@ -334,10 +346,9 @@ def _own_values(drive: Drive, records: Records) -> Finding:
 
 def _estimate(task: Task, before: Drive, roles: Roles, options: DiagnoseOptions, records: Records) -> Estimate:
     """The extended drive with intervals, over the records that it is fitted to."""
-    drive = replace(before, values={**task.drive.values, **before.values})
     fitted = greybox_by_inverse(task.experiments, task.drive, task.free, roles, Options(criterion="inverse"),
                                 records.inverse.lead[:records.fitted])
-    lines = tuple(replace(p, start=drive.values.get(p.name, p.start)) for p in fitted.parameters)
+    lines = tuple(replace(p, start=before.values.get(p.name, p.start)) for p in fitted.parameters)
     return replace(fitted, step="diagnose", parameters=lines, options={
         "candidates": list(options.candidates), "error_budget": options.error_budget, "seed": options.seed,
         "criterion": "inverse"})

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from drivetool.check.causes import CAUSES
 from drivetool.check.diagnose import diagnose
 from drivetool.check.diagnosis import DiagnoseOptions
 from drivetool.check.fit.model import Model
-from drivetool.check.torque.explanation import independent
+from drivetool.check.inverse_dynamics.explanation import independent
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.greybox import greybox
@@ -156,3 +157,25 @@ def test_causes_that_a_torque_does_not_tell_say_so():
                      begun)
     assert {c.state for c in found.rounds[0].candidates} == {"not-shown"}
     assert all("simulation" in c.reason for c in found.rounds[0].candidates)
+
+
+def test_the_figures_of_a_gain_are_those_of_the_equation_of_motion():
+    """By scipy's filter and a mean over each interval, samples about reversals left out."""
+    record, other = moved(FRICTION, 11), moved(FRICTION, 21)
+    drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
+    found = diagnose([record], drive, free, BY_TORQUE, [other], begun)
+    band = found.estimate.fit["band_hz"]
+    speed, torque = (sosfiltfilt(butter(4, 2.0 * band * STEP, output="sos"), other.signals[role])
+                     for role in ("motor_speed", "motor_torque"))
+    acceleration, mean, torque = np.diff(speed) / STEP, 0.5 * (speed[1:] + speed[:-1]), torque[:-1]
+    turned = np.concatenate([[False], mean[1:] * mean[:-1] < 0.0])
+    used = np.convolve(turned, np.ones(2 * int(1.0 / (band * STEP)) + 3), "same") < 0.5
+    used[:100] = used[-100:] = False
+    for v, rmse, fit in ((drive.values, found.gain.held_out_rmse_before, found.gain.held_out_fit_before),
+                         (found.estimate.drive.values, found.gain.held_out_rmse_after,
+                          found.gain.held_out_fit_after)):
+        asked = v["motor.inertia"] * acceleration + v["motor.viscous"] * mean + v["motor.idle_torque"]
+        left = (torque - asked - v["motor.coulomb"] * np.sign(mean))[used]
+        error = np.sqrt(np.mean(left**2))
+        assert rmse == pytest.approx(error, rel=0.05)
+        assert fit == pytest.approx(100.0 * (1.0 - error / np.std(torque[used])), abs=1.0)

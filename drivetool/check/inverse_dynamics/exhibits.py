@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
+from drivetool.check.report.exhibits import worst
 from drivetool.identify.estimate import Exhibit
 from drivetool.identify.inverse_dynamics.equations import Equations
 from drivetool.identify.inverse_dynamics.regression import Inverse
-
-CLOSE = 0.3  # s of the close-up
 
 
 def torque_exhibits(before: Inverse, after: Inverse) -> tuple[Exhibit, ...]:
@@ -26,7 +23,7 @@ def torque_exhibits(before: Inverse, after: Inverse) -> tuple[Exhibit, ...]:
         curves |= {f"simulated {word}": (e.time, best.torque - v) for word, v in left.items()}
         curves |= {f"residual {word}": (e.time, v) for word, v in left.items()}
         curves[f"speed [{after.drive.motion_unit}/s]"] = (e.time, motion.speed)
-        curves["close-up"] = (_worst(e.time, left["before"], left["after"], e.step), np.zeros(2))
+        curves["close-up"] = (np.array(worst(e.time, left, [slice(*s) for s in e.segments], e.step)), np.zeros(2))
         found.append(Exhibit("diagnosis-record", f"{e.name}: torque that the motion asks for", "time [s]",
                              f"motor torque [{e.torque_unit}]", curves))
     return tuple(found)
@@ -34,11 +31,3 @@ def torque_exhibits(before: Inverse, after: Inverse) -> tuple[Exhibit, ...]:
 
 def _where_used(q: Equations) -> np.ndarray:
     return np.where(q.used, q.residual, np.nan)
-
-
-def _worst(time: Sequence[float], before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
-    """(2,) start and end of the CLOSE seconds over which the base errs most against the extended drive."""
-    width = min(len(before), max(2, round(CLOSE / step)))
-    gain = np.concatenate([[0.0], np.cumsum(np.nan_to_num(before**2 - after**2))])
-    k = int(np.argmax(gain[width:] - gain[:-width]))
-    return np.array([time[k], time[k + width - 1]])
