@@ -101,19 +101,24 @@ def sentence_of(verdict: str, codes: tuple[Sequence[str], Sequence[str], Sequenc
                     "at work.")
         return f"{first}{either} explain the record equally well; {better}."
     if verdict == "unexplained":
-        closest = ", then ".join(map(_said, found))
-        near = (f" {closest[:1].upper()}{closest[1:]} come{'s' * (len(found) == 1)} closest ({better}), but"
-                if closest else "")
-        if unasked:
-            known = _said(unasked)
-            return f"Something is missing that none of the candidates explains;{near} {known} would."
-        rest = f" {gain.unexplained_percent:.0f} % of what could be explained is left."
-        if not np.isfinite(gain.unexplained_percent):
-            rest, near = "", near.removesuffix(", but") + "." * bool(near)
-        return f"Something is missing that no cause in the catalogue explains.{near}{rest}"
+        return _unexplained(found, unasked, gain, better)
     own = f" The drive it was given has {_and(had)} already." if had else ""
     return ("Nothing was found: the record holds nothing beyond noise that a cause in the catalogue would "
             f"explain.{own}")
+
+
+def _unexplained(found: Sequence[str], unasked: str, gain: Gain, better: str) -> str:
+    """What is said where something is left that no cause is; better: what those that were found bring."""
+    closest = ", then ".join(map(_said, found))
+    near = (f" {closest[:1].upper()}{closest[1:]} come{'s' * (len(found) == 1)} closest ({better}), but"
+            if closest else "")
+    if unasked:
+        known = _said(unasked)
+        return f"Something is missing that none of the candidates explains;{near} {known} would."
+    rest = f" {gain.unexplained_percent:.0f} % of what could be explained is left."
+    if not np.isfinite(gain.unexplained_percent):
+        rest, near = "", near.removesuffix(", but") + "." * bool(near)
+    return f"Something is missing that no cause in the catalogue explains.{near}{rest}"
 
 
 def _off(gain: Gain, laws: int) -> str:
