@@ -211,6 +211,8 @@ class Plant:
         self._call("kalman", Filtering(
             u, late, trace.outputs, sensor, extra, np.zeros(self.nx) if kick is None else kick, p,
             self._start(start), np.ones(s.ng + s.nf, np.int64), gain, var, innov, states), torque, trace.origin)
+        # A covariance that is smaller than its rounding errors: nothing is foretold, and no point is less likely.
+        var[var <= 0.0] = np.inf
         return Filtered(Gains(gain, 1.0 / np.sqrt(var)), innov, var, states[:, :self.nx])
 
 

@@ -7,6 +7,7 @@ from drivetool.drive.assemble import Layout
 from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import two_mass
 from drivetool.drive.simulate import Trace
+from drivetool.identify.noise import minus_log_likelihood
 
 STEP, HEAVY = 1e-3, 1e6
 FRICTION, STIFFNESS = 5.0, 1000.0
@@ -37,3 +38,17 @@ def test_a_load_too_quick_for_the_record_sticks_and_slides_as_a_slider_does(iner
     # The damper adds up to its share of the motor's speed while the load sticks.
     assert np.abs(found - slider()).max() < 1.2 * np.abs(speed).max()
     assert np.abs(found).max() < 1.005 * FRICTION
+
+
+def test_a_covariance_below_its_rounding_errors_foretells_nothing():
+    """A motor of no inertia on a held load: the noise of the torque, when it slips, is a variance of 1e24."""
+    drive = two_mass().with_values({
+        "motor.inertia": 1e-12, "load.inertia": 1e12, "motor.coulomb": 20.0, "shaft.stiffness": 1.7e7,
+        "shaft.damping": 1e5})
+    plant = plant_of(drive, Layout((), ("motor_torque",), ("motor_speed",), 0.005, gradient=False))
+    rng = np.random.default_rng(5)
+    torque = np.where(rng.random(2000) < 0.5, 236.7, 83.3)
+    trace = Trace(torque[:, None], 0.04 * rng.standard_normal((2000, 1)), 0.005)
+    found = plant.filter(trace, np.zeros(plant.nx), np.array([1.7e-3]), 1e4, np.zeros(plant.nx))
+    assert (found.variance > 0.0).all() and np.isfinite(found.gains.weight).all()
+    assert np.isinf(found.variance).any() and minus_log_likelihood([found]) == np.inf
