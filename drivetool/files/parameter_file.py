@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -16,8 +15,10 @@ import msgspec
 from drivetool.drive.chain import AT, KNOWN_DRIVES, TOTALS, Drive, is_constant, shared, two_mass
 from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
+from drivetool.files.covariances import merged
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
 from drivetool.files.text import from_yaml
+from drivetool.files.written import factor, naming, written
 from drivetool.identify.estimate import Covariance
 from drivetool.quantity import ELECTRIC
 
@@ -87,11 +88,11 @@ class Loaded:
             drive = _with_records(drive, source)
             values = {}
             for name, entry in source.file.parameters.items():
-                value, unit = _written(entry)
+                value, unit = written(entry)
                 if value is not None:
-                    values[name] = value * _factor(drive, name, unit, source.name)
+                    values[name] = value * factor(drive, name, unit, source.name)
             _not_both(values, drive, source.name)
-            with _naming(source.name):
+            with naming(source.name):
                 drive = drive.with_values(values)
         return drive
 
@@ -105,23 +106,12 @@ class Loaded:
                 merged[name] = entry
         return merged
 
-    def covariance(self, drive: Drive) -> Covariance | None:
-        """Of the last file that has one, in the units of `drive`."""
-        import numpy as np
+    def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
+        """Of all the files, in the units of `drive`; a value that a later file changes has its covariance from there.
 
-        for source in reversed(self.sources):
-            section = source.file.covariance
-            if section is None:
-                continue
-            # A torque constant by which inputs were multiplied is no value of the drive.
-            index = [i for i, n in enumerate(section.names) if n in drive.values or not is_constant(n)]
-            scale, names = [], tuple(section.names[i] for i in index)
-            for name in names:
-                _, unit = _written(source.file.parameters.get(name, 0.0))
-                scale.append(_factor(drive, name, unit, source.name))
-            matrix = np.array(section.matrix, dtype=float)[np.ix_(index, index)] * np.outer(scale, scale)
-            return Covariance(names, matrix) if names else None
-        return None
+        single  of a recording like those that the files are from: with what varies from one to another
+        """
+        return merged([(source.name, source.file) for source in self.sources], drive, single)
 
     def stds(self, drive: Drive) -> dict[str, float]:
         """Standard deviations that the files state, in the units of `drive`; of the last file that has a value."""
@@ -138,7 +128,7 @@ class Loaded:
                 found.pop(name, None)
                 number = getattr(entry, what) if isinstance(entry, shapes.ParameterSection) else None
                 if number is not None:
-                    found[name] = number * _factor(drive, name, entry.unit, source.name)
+                    found[name] = number * factor(drive, name, entry.unit, source.name)
         return found
 
     def ratings(self, drive: Drive) -> tuple[float, float] | None:
@@ -186,8 +176,8 @@ class Loaded:
     @property
     def constants(self) -> dict[str, str | None]:
         """Torque constants of which the files have a value -> the unit that is written there."""
-        written = {n: _written(entry) for source in self.sources for n, entry in source.file.parameters.items()}
-        return {n: unit for n, (value, unit) in written.items() if value is not None and is_constant(n)}
+        each = {n: written(entry) for source in self.sources for n, entry in source.file.parameters.items()}
+        return {n: unit for n, (value, unit) in each.items() if value is not None and is_constant(n)}
 
 
 def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) -> Loaded:
@@ -350,31 +340,10 @@ def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
                                 "Delete the total or the parts.")
 
 
-def _written(entry: shapes.ParameterSection | float) -> tuple[float | None, str | None]:
-    """(value, unit) as the person or the step wrote them."""
-    return (entry.value, entry.unit) if isinstance(entry, shapes.ParameterSection) else (entry, None)
-
-
-def _factor(drive: Drive, parameter: str, unit: str | None, name: str) -> float:
-    """What the written value is multiplied with."""
-    with _naming(name):
-        wanted = drive.unit(parameter)
-        return 1.0 if unit is None else units.factor(unit, wanted, parameter)
-
-
 def _measure(section: shapes.MeasureSection, unit: str, what: str, name: str, least: float = 1e-300) -> float:
     """A number of the file in a unit; above zero unless `least` says otherwise."""
-    with _naming(name):
+    with naming(name):
         value = section.value * units.factor(section.unit, unit, what)
     if not least <= value < float("inf"):
         raise BadParameters(f"{what} above zero", f"{section.value:g} {section.unit} in {name}", "Correct it.")
     return value
-
-
-@contextmanager
-def _naming(name: str) -> Iterator[None]:
-    """Adds the file's name to what the drive or the unit table found wrong."""
-    try:
-        yield
-    except BadParameters as error:
-        raise BadParameters(error.wanted, f"{error.found} in {name}", error.do, error.available) from None

@@ -111,6 +111,11 @@ CODES = {
         "correlated errors. `greybox` tests the dead time, the half gaps and the names after `--hold`, unless "
         "they are zero. It does so only where another finding says that the fit lacks something.",
         "Fit it too with `--free`, or correct it with `--set`."),
+    "friction-as-in-the-file": Code(
+        NOTE,
+        "The shaft torque was measured, and this record does not tell a body's friction to a third of itself. The "
+        "value of the parameter file stands, and its covariance is propagated.",
+        "Record steps about speeds that differ more, or name the parameter with `--free`."),
     "held-values-dominate": Code(
         NOTE,
         "The uncertainty of held values, propagated from the parameter file, contributes more than twice the "

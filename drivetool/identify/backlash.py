@@ -31,8 +31,9 @@ from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import first_states, led_in, roles_of
+from drivetool.identify.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.start import known_states
-from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
+from drivetool.identify.sums import apart, fit_apart, split_totals
 from drivetool.identify.torque_constant import only_in_greybox
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.uncrossed import from_below, never_crossed, unbounded
@@ -71,7 +72,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         free = shared_by_some(free, drive, experiments)
         return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
     if {ALL, *TOTALS} & set(options.free):
-        drive = with_totals(drive, (*options.free, *options.hold))
+        drive = with_frictions(drive, roles, options)
     asked, options = options, expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
     free = shared_by_some(chosen(drive, gaps, options), drive, experiments)
@@ -83,7 +84,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         return _not_crossed(task, drive, shut, closed, options)
     loose, least = loosened(task, asked), {}
     if loose is None:
-        white = split_totals(fit_apart(task, options, asked, _starts(task, gaps, options)), asked)
+        white = fit_apart(task, options, asked, _starts(task, gaps, options))
+        white = friction_told(white, drive, options, asked)
     else:
         white, least = _with_linear(loose, gaps, options, asked)
     fit = explained(white, options, bool(least))
@@ -92,6 +94,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                 and not unsettled(outcome) and g not in least and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
                        {"contact": _counts(outcome, drive, gaps)}, known=options.known, explanation=explanation)
+    estimate = as_in_file(estimate, outcome, options.known, free)
     estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
                                            *estimate.findings))
     for name, found in profiles.items():

@@ -37,10 +37,11 @@ from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
-from drivetool.identify.setup import led_in, reverses, roles_of
+from drivetool.identify.setup import Roles, led_in, reverses, roles_of
 from drivetool.identify.shown import told_by, worth_of_shafts
+from drivetool.identify.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.start import known_states
-from drivetool.identify.sums import apart, fit_apart, split_totals, with_totals
+from drivetool.identify.sums import apart, fit_apart
 from drivetool.identify.task import has_gap
 from drivetool.identify.torque_constant import check_scale
 from drivetool.identify.torque_timing import torque_timing
@@ -69,18 +70,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     experiments = [led_in(measured(e), drive, options.free) for e in at_rates("greybox", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
-        from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
-
-        # The motion is known, so that a motor's friction is told from the others'.
-        drive = apart(drive)
-        free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
-        free = shared_by_some(free, drive, experiments)
-        if not bends_behind(drive, free):
-            # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
-            behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
-            free = tuple(n for n in free if n not in behind)
-        return greybox_by_inverse(experiments, drive, free, roles, options)
-    drive = with_totals(drive, (*options.free, *options.hold))
+        return _by_inverse(experiments, drive, options, roles)
+    drive = with_frictions(drive, roles, options)
     asked, options = options, expanded(options, drive, experiments)
     free = shared_by_some(chosen(drive, default_free(drive, experiments), options), drive, experiments)
     check_scale(drive, free, roles, options.hold)
@@ -90,7 +81,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         return greybox_by_frequency(experiments, drive, free, options)
     task = Task(drive, free, roles, tuple(experiments), known_states(options.start, drive, free, roles))
     outcome, left = without_outliers(fit_apart(task, options, asked, [{}]))
-    white, least = all_uncrossed(dry_friction(split_totals(outcome, asked), asked))
+    white, least = all_uncrossed(dry_friction(friction_told(outcome, drive, options, asked), asked))
     chosen_fit = explained(white, options, bool(least))
     explanation, outcome = chosen_fit.explanation, chosen_fit.outcome
     figures, findings = ({}, list(explanation.findings)) if explanation else both_criteria(outcome, options)
@@ -99,6 +90,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     findings = [*left, *doubted_channels(task, found, settled), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
+    estimate = as_in_file(estimate, outcome, options.known, free)
     if chosen_fit.alone:
         estimate = replace(estimate, explanation=chosen_fit.alone)
     estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
@@ -114,6 +106,21 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(estimate, task)))
     estimate = told_by(estimate, worth_of_shafts(white))
     return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
+
+
+def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:
+    """The fit of the torque that the motion asks for."""
+    from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
+
+    # The motion is known, so that a motor's friction is told from the others'.
+    drive = apart(drive)
+    free = chosen(drive, default_free(drive, experiments), expanded(options, drive, experiments))
+    free = shared_by_some(free, drive, experiments)
+    if not bends_behind(drive, free):
+        # One constant torque shows, wherever it acts: the motor's stands for all, unless others are asked for.
+        behind = {f"{b}.idle_torque" for b in drive.bodies[1:]} - set(options.free)
+        free = tuple(n for n in free if n not in behind)
+    return greybox_by_inverse(experiments, drive, free, roles, options)
 
 
 def bends_behind(drive: Drive, free: Sequence[str]) -> bool:

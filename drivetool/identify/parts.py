@@ -55,8 +55,7 @@ def told_apart(task: Task, problem: Problem, point: Point, normal: Normal, parts
     """
     drive, size = task.drive, max(abs(whole), 1e-12)
     if parts[0].endswith(".idle_torque"):
-        torque = np.concatenate([e.signals[task.roles.inputs[0]] for e in task.experiments])
-        size = max(size, IDLE * float(np.sqrt(np.nanmean(torque**2))))
+        size = max(size, size_of_idle(task))
     covariance, inflation, _ = covariance_of(
         replace(problem, low=np.full_like(problem.low, -np.inf)), Solution(point, normal, 0, True))
     index = [problem.names.index(p) for p in parts]
@@ -64,6 +63,12 @@ def told_apart(task: Task, problem: Problem, point: Point, normal: Normal, parts
         std = np.sqrt(np.diag(covariance)[index]) * [drive.felt_share(p) for p in parts]
     return bool(np.all(np.isfinite(std)) and np.all(np.isfinite(inflation[index]))
                 and np.all(std < size * SHARE))
+
+
+def size_of_idle(task: Task) -> float:
+    """Torque below which an idle torque is a small one."""
+    torque = np.concatenate([e.signals[task.roles.inputs[0]] for e in task.experiments])
+    return IDLE * float(np.sqrt(np.nanmean(torque**2)))
 
 
 def shared_out(whole: Task, task: Task) -> Task:

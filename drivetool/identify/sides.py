@@ -1,0 +1,102 @@
+"""Friction of the two sides of a shaft whose torque was measured: never summed, and told by the record or by a file.
+
+A shaft torque tells what is lost before it from what is lost behind it. At speeds that hardly differ each side's
+viscous friction still trades against its idle torque; then what an earlier step told of them stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import TOTALS, Drive
+from drivetool.errors import Finding
+from drivetool.identify.compose import moved_with
+from drivetool.identify.engine import Outcome, again
+from drivetool.identify.estimate import Covariance, Estimate
+from drivetool.identify.options import Options
+from drivetool.identify.parts import SHARE, size_of_idle
+from drivetool.identify.results import Z95, covariance_of
+from drivetool.identify.setup import Roles
+from drivetool.identify.sums import apart, split_totals, with_totals
+
+
+def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:
+    """Whether each body has a side of a measured shaft to itself, and no sum was asked for."""
+    return len(drive.bodies) == 2 and any(r.endswith("_torque") for r in roles.outputs) and not (
+        set(TOTALS) & {*options.free, *options.hold})
+
+
+def with_frictions(drive: Drive, roles: Roles, options: Options) -> Drive:
+    """The drive with each body's friction, or with sums where no shaft torque tells the bodies apart."""
+    return apart(drive) if has_sides(drive, roles, options) else with_totals(drive, (*options.free, *options.hold))
+
+
+def friction_told(outcome: Outcome, before: Drive, options: Options, asked: Options) -> Outcome:
+    """The outcome with the friction of each body as far as it is told: by this record, else by the file.
+
+    Without a shaft torque a sum is parted where the record tells the parts.
+
+    The viscous friction goes first: with it known the record may tell the idle torque by itself, which varies more
+    from day to day.
+
+    before  the drive with the file's values; asked: what was asked to be free stays free
+    """
+    if not has_sides(before, outcome.task.roles, asked):
+        return split_totals(outcome, asked)
+    for suffix in TOTALS.values() if options.known is not None and outcome.fit is not None else ():
+        names = (_untold(outcome, before, suffix) & set(options.known.names)) - set(asked.free)
+        if names:
+            task = outcome.task.at_point(outcome.solution.point).at({n: before.values[n] for n in sorted(names)})
+            task = replace(task, free=tuple(n for n in task.free if n not in names))
+            outcome = again(task, outcome.fit.noise)
+    return outcome
+
+
+def _untold(outcome: Outcome, before: Drive, suffix: str) -> set[str]:
+    """The free parts of a sum whose standard deviation by this record is above a third of what they are."""
+    task = outcome.task
+    covariance, inflation, _ = covariance_of(outcome.problem, outcome.solution)
+    found = set()
+    for j, name in enumerate(outcome.problem.names):
+        if not name.endswith(f".{suffix}"):
+            continue
+        size = abs(before.value(name) or 0.0)
+        if suffix == "idle_torque":
+            size = max(size, size_of_idle(task))
+        std = np.sqrt(covariance[j, j])
+        if not (np.isfinite(std) and np.isfinite(inflation[j]) and std < SHARE * size):
+            found.add(name)
+    return found
+
+
+def as_in_file(estimate: Estimate, outcome: Outcome, known: Covariance | None, free: Sequence[str]) -> Estimate:
+    """The estimate with what the file told of friction that was to be fitted: its intervals, and what goes with them.
+
+    free  what was to be fitted; of it `friction_told` held what the record does not tell
+    """
+    names = {n for n in free if n not in outcome.task.free and n.endswith(tuple(TOTALS.values()))}
+    found = moved_with(outcome, known) if names and has_sides(outcome.drive, outcome.task.roles, Options()) else None
+    if found is None:
+        return estimate
+    moved, held = found
+    stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
+    lines = tuple(replace(p, std=float(stds[p.name]), ci95=(p.value - Z95 * stds[p.name], p.value + Z95 * stds[p.name]),
+                          reason="as in the file: this record does not tell it") if p.name in names else p
+                  for p in estimate.parameters)
+    covariance, told = estimate.covariance, [n for n in held.names if n in names]
+    if covariance is not None:
+        rows = [outcome.task.free.index(n) for n in covariance.names]
+        columns = [held.names.index(n) for n in told]
+        cross = (moved @ held.matrix)[np.ix_(rows, columns)]
+        covariance = Covariance((*covariance.names, *told), np.block([
+            [covariance.matrix, cross], [cross.T, held.matrix[np.ix_(columns, columns)]]]))
+    note = Finding(
+        "note", "friction-as-in-the-file",
+        f"{', '.join(told)}: this record does not tell {'it' if len(told) == 1 else 'them'} to a third; what the file "
+        "says stands, with its uncertainty in all intervals.", {n: float(stds[n]) for n in told},
+        "Record steps about speeds that differ more, or hold each speed for longer.")
+    findings = [f for f in estimate.findings if f.code != "held-values-dominate"]
+    return replace(estimate, parameters=lines, covariance=covariance, findings=(*findings, note))
