@@ -15,6 +15,7 @@ from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
+from drivetool.identify.derived import derived
 from drivetool.identify.estimate import Covariance, Estimate, FoundLaw, Parameter, Starts
 from drivetool.identify.results import Z95
 
@@ -70,7 +71,7 @@ def estimate_file(estimate: Estimate, inputs: Inputs = (),
         schema=shapes.PARAMETERS_SCHEMA, tool=tool_section(), step=estimate.step, outcome=estimate.outcome,
         drive=drive_section(drive),
         parameters={n: parameters[n] for n in sorted(parameters, key=lambda n: order.get(n, len(order)))},
-        explanation=estimate.explanation or msgspec.UNSET, laws=_laws(estimate.laws) or msgspec.UNSET,
+        derived=_derived(estimate) or msgspec.UNSET, explanation=estimate.explanation or msgspec.UNSET, laws=_laws(estimate.laws) or msgspec.UNSET,
         fit=plain(estimate.fit), starts=_starts(estimate.starts), findings=finding_sections(estimate.findings),
         covariance=_covariance(estimate.covariance), noise=plain(estimate.noise), **(carried or {}),
         details=plain(estimate.details), records=file_sections(drive.records.items()) or msgspec.UNSET,
@@ -111,6 +112,12 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
         elif entry["std"] is None and parameter.std is not None:
             entry["reason"] = "the standard deviation is not finite"
     return shapes.ParameterSection(**entry)
+
+
+def _derived(estimate: Estimate) -> dict[str, shapes.DerivedSection]:
+    """What follows from the parameters."""
+    return {p.name: shapes.DerivedSection(plain(p.value), p.unit, plain(p.std), plain(p.ci95), p.reason)
+            for p in derived(estimate.drive, estimate.parameters, estimate.covariance)}
 
 
 def _laws(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:

@@ -83,6 +83,17 @@ class LawSection(Shape):
     ci95: Annotated[list[tuple[float, float]], Meta(description="95 % interval of each")]
 
 
+class DerivedSection(Shape):
+    """A figure that follows from the parameters."""
+
+    value: float
+    unit: str
+    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
+        description="by the covariance of the parameters; null where one that counts has no interval")] = None
+    ci95: tuple[float, float] | None = None
+    reason: Annotated[str, Meta(description="why there is no std")] = ""
+
+
 class StartsSection(Shape):
     """How the starts of the fit agreed."""
 
@@ -247,6 +258,9 @@ class ParameterFile(Shape):
     parameters: Annotated[
         dict[str, ParameterSection | float],
         Meta(description="by name; a bare number is in the drive's own unit")] = {}
+    derived: Annotated[dict[str, DerivedSection], Meta(
+        description="resonances, their damping ratios by all friction, and the total inertia of a drive with a shaft",
+        )] | UnsetType = UNSET
     explanation: Annotated[str, Meta(
         description="which explanation of the record was chosen, and why")] | UnsetType = UNSET
     laws: Annotated[list[LawSection], Meta(

@@ -38,6 +38,9 @@ def print_estimate(file: shapes.ParameterFile, console: Console) -> None:
         console.print(Text(f"  {shapes.IF_COMPLETE}", style="yellow"))
     if told:
         console.print()
+    if file.derived is not msgspec.UNSET:
+        console.print(derived_table(file.derived))
+        console.print()
     for line in fit_lines(file.fit):
         console.print(Text(f"  {line}"))
     if file.starts is not None and file.starts.tried > 1:
@@ -96,6 +99,18 @@ def parameter_table(parameters: Mapping[str, shapes.ParameterSection]) -> Table:
                  *([short(scatter, 2)] if repeated else []), short(entry.start),
                  entry.status.replace("not-", "not "))
         table.add_row(*map(Text, cells), style=_row_style(entry.status))
+    return table
+
+
+def derived_table(figures: Mapping[str, shapes.DerivedSection]) -> Table:
+    """What follows from the parameters: figure, value, unit, +- (one std), %."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False, show_header=False)
+    for side in ("left", "right", "left", "right", "right"):
+        table.add_column(justify=side)
+    for name, entry in figures.items():
+        value, std = rounded(entry.value, entry.std)
+        known = ("", "") if entry.std is None else (f"+- {std}", f"{percent(entry.value, entry.std)} %")
+        table.add_row(*map(Text, (f"  {name.replace('_', ' ')}", value, entry.unit, *known)))
     return table
 
 

@@ -1,0 +1,103 @@
+"""Figures that follow from the parameters of a drive with a shaft: resonances, their damping, the total inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive.chain import AT, Drive
+from drivetool.drive.linearise import resonances
+from drivetool.errors import DriveToolError
+from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.identify.results import Z95
+
+SHAPE = (".inertia", ".carried_mass", ".stiffness")
+STEP = 1e-3  # of a standard deviation, by which a parameter is moved
+COUNTS = 1e-2  # of a figure, that an unknown parameter must move it by when it changes by itself
+
+
+def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
+    """One line per figure, with the interval that follows from the covariance of the parameters.
+
+    Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping ratio
+    is that of the poles and zeros, so that the friction of the bodies counts. No interval where a figure moves with
+    a parameter that the record did not tell.
+
+    drive    with its values
+    lines    what was told of its parameters; covariance: of those that have intervals
+    returns  none for a drive without a shaft, or without all of its values
+    source   Tallfors 2005, sec. 2.1
+    """
+    if not drive.shafts or drive.missing():
+        return ()
+    try:
+        figures = _figures(drive)
+    except (DriveToolError, np.linalg.LinAlgError):
+        return ()
+    # Of values that were all held or guessed nothing follows that would have an interval.
+    covariance = _finite(covariance)
+    if covariance is not None and not any(n.endswith(SHAPE) for n in covariance.names):
+        covariance = None
+    known = () if covariance is None else covariance.names
+    unknown = [p.name for p in lines if p.std is None and p.status != "held" and AT not in p.name
+               and p.name in drive.values]
+    stds = {} if covariance is None else dict(zip(known, np.sqrt(np.diag(covariance.matrix)), strict=True))
+    slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known]).reshape(len(known), len(figures))
+    blind = _moved(drive, unknown, figures)
+    found = []
+    for k, (name, (value, unit)) in enumerate(figures.items()):
+        variance = 0.0 if covariance is None else float(slopes[:, k] @ covariance.matrix @ slopes[:, k])
+        if blind[k] or not 0.0 < variance < np.inf:
+            reason = f"it depends on {', '.join(blind[k])}" if blind[k] else "no inertia and no stiffness was fitted in this step"
+            found.append(Parameter(name, value, unit, status="held", reason=reason))
+            continue
+        std = float(np.sqrt(variance))
+        found.append(Parameter(name, value, unit, None, std, (value - Z95 * std, value + Z95 * std)))
+    return tuple(found)
+
+
+def _finite(covariance: Covariance | None) -> Covariance | None:
+    """What has a finite variance."""
+    if covariance is None:
+        return None
+    index = np.flatnonzero(np.isfinite(np.diag(covariance.matrix)))
+    matrix = covariance.matrix[np.ix_(index, index)]
+    return Covariance(tuple(covariance.names[i] for i in index), matrix) if np.isfinite(matrix).all() else None
+
+
+def _figures(drive: Drive) -> dict[str, tuple[float, str]]:
+    """Name -> (value, unit); several of a kind are numbered by frequency."""
+    found, count = {}, {"resonance": 0, "anti-resonance": 0}
+    for mode in resonances(drive):
+        count[mode.kind] += 1
+        name = mode.kind.replace("-", "_") + (str(count[mode.kind]) if count[mode.kind] > 1 else "")
+        found[name] = (mode.frequency_hz, "Hz")
+        found[f"{name}_damping_ratio"] = (mode.damping_ratio, "")
+    found["total_inertia_at_motor"] = (drive.referred_inertia, drive.unit(f"{drive.bodies[0]}.inertia"))
+    return found
+
+
+def _slopes(drive: Drive, name: str, step: float, figures: dict[str, tuple[float, str]]) -> list[float]:
+    """Derivatives of the figures over a parameter."""
+    if name not in drive.values or step == 0.0:
+        return [0.0] * len(figures)
+    ends = [_figures(_with(drive, name, drive.values[name] + side * step)) for side in (1.0, -1.0)]
+    return [(ends[0][n][0] - ends[1][n][0]) / (2.0 * step) if all(n in e for e in ends) else np.nan for n in figures]
+
+
+def _moved(drive: Drive, unknown: Sequence[str], figures: dict[str, tuple[float, str]]) -> list[list[str]]:
+    """Of each figure, the unknown parameters that move it when they change by a tenth of themselves."""
+    found: list[list[str]] = [[] for _ in figures]
+    for name in unknown:
+        step = 0.1 * abs(drive.values[name])
+        for k, slope in enumerate(_slopes(drive, name, step, figures) if step else ()):
+            value = list(figures.values())[k][0]
+            if not abs(slope * step) < 0.1 * COUNTS * abs(value):
+                found[k].append(name)
+    return found
+
+
+def _with(drive: Drive, name: str, value: float) -> Drive:
+    return replace(drive, values={**drive.values, name: value})
