@@ -17,6 +17,7 @@ from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.blackbox_result import Physical, estimate_of, fixed
 from drivetool.identify.blackbox_start import Regression, mean_speed, starts
+from drivetool.identify.blackbox_torque import both_outputs, with_shaft_torque
 from drivetool.identify.engine import Outcome, Task, coloured
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import ALL
@@ -64,6 +65,8 @@ def blackbox(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         outcome = coloured(white)
         timing = torque_timing(white)
     estimate = estimate_of(Physical(form, drive, options), outcome, gain)
+    if (roles := both_outputs(white.task.experiments, drive)) is not None:
+        estimate = with_shaft_torque(estimate, white.task.experiments, drive, roles, options)
     return replace(estimate, findings=(*timing, *estimate.findings))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
+from drivetool.identify.blackbox_torque import both_outputs
 from drivetool.identify.setup import roles_of, sensors_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, ROLES, role_of
@@ -18,7 +19,9 @@ def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterio
     if step == "steady":
         return _used_by_steady(experiments, drive)
     roles = roles_of(experiments, drive)
-    if step in ("blackbox", "compare"):  # one output
+    if step == "blackbox" and (both := both_outputs(experiments, drive)) is not None:
+        roles = both
+    elif step in ("blackbox", "compare"):  # one output
         return {*roles.inputs, *[r for r in roles.outputs if r in AT_MOTOR][:1]}
     used = {*roles.inputs, *roles.outputs}
     if criterion == "inverse":  # instruments

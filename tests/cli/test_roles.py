@@ -115,7 +115,7 @@ SI = {"torque": "Nm", "speed": "rad/s", "angle": "rad"}
 NAMES = [*ROLES, "gear_speed", "gear_angle", "shaft2_torque"]
 USED = {
     "steady": {"motor_torque", "motor_speed", "shaft_torque", "load_speed"},
-    "blackbox": {"motor_torque", "load_torque", "motor_speed"},
+    "blackbox": {"motor_torque", "load_torque", "motor_speed", "shaft_torque"},
     "greybox": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
     "backlash": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},
     "diagnose": {"motor_torque", "load_torque", "motor_speed", "load_speed", "shaft_torque"},

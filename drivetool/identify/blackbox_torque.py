@@ -1,0 +1,76 @@
+"""The black box with a shaft torque: motor torque to speed and to shaft torque, as two transfer functions of one drive.
+
+The reference fits the two by themselves, to speed and to shaft torque, and converts them. They have the poles, the
+inertias and the stiffness in common: here both are fitted together, in the drive's own parameters, from where the
+transfer function to the speed alone has led. That needs no start values, as before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from drivetool.drive.chain import Drive
+from drivetool.identify.compose import compose
+from drivetool.identify.engine import Task, by_innovations, by_simulation, coloured, segment_of
+from drivetool.identify.estimate import Estimate
+from drivetool.identify.options import Options
+from drivetool.identify.setup import Roles, roles_of
+from drivetool.identify.sums import apart
+from drivetool.logs.experiment import Experiment
+
+# Findings of the fit to the speed alone that the fit to both says anew.
+REPLACED = ("innovations-correlated", "torque-command-assumed", "torque-is-measured", "not-identifiable",
+            "damping-not-told", "simulation-criterion")
+
+
+def both_outputs(experiments: Sequence[Experiment], drive: Drive) -> Roles | None:
+    """The roles of a fit to speed and shaft torque; None: there is no shaft torque of two bodies, or a gear."""
+    roles = roles_of(experiments, drive)
+    torques = [r for r in roles.outputs if r.endswith("_torque")]
+    if len(drive.bodies) != 2 or not torques:
+        return None
+    at_motor = [r for r in roles.outputs if r in ("motor_speed", "motor_angle")]
+    return Roles(roles.inputs, (at_motor[0], torques[0])) if at_motor else None
+
+
+def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], drive: Drive, roles: Roles,
+                      options: Options) -> Estimate:
+    """The estimate of a black box with its parameters by both outputs.
+
+    estimate     by the speed alone, whose coefficients, poles and response it keeps
+    experiments  as they were fitted
+    drive        before the step; the viscous friction that it knows is kept, the idle torque is of each record
+    roles        of `both_outputs`
+    """
+    failed = any(f.severity == "failure" for f in estimate.findings)
+    if failed or estimate.drive.missing():
+        return estimate
+    shut = {f"{s}.half_gap": 0.0 for s in drive.shafts}
+    begun = apart(replace(estimate.drive, values=estimate.drive.values | shut))
+    known = any(n in drive.values or n in options.hold for n in ("total.viscous", *_of(drive, "viscous")))
+    names = {*(n for n in begun.quantities if n.rpartition(".")[2] in ("inertia", "stiffness", "damping")
+               and n.partition(".")[0] in (*begun.bodies, *begun.shafts)), *_of(begun, "idle_torque")}
+    names |= set() if known else set(_of(begun, "viscous"))
+    free = tuple(n for n in begun.quantities if n in names and n not in options.hold)
+    task = Task(begun, free, roles, tuple(experiments))
+    if options.criterion == "simulation":
+        outcome = by_simulation(task, segment_of(options), [{}], near=True)
+    else:
+        outcome = coloured(by_innovations(task, [{}]))
+    found = compose("blackbox", apart(drive), outcome, known=options.known)
+    gaps = {n: drive.values[n] for n in shut if n in drive.values}
+    values = {n: v for n, v in outcome.drive.values.items() if n not in shut} | gaps
+    lines = tuple(replace(p, value=gaps.get(p.name, p.value), start=gaps.get(p.name, p.start))
+                  for p in found.parameters if p.name not in shut or p.name in gaps)
+    findings = (*(f for f in estimate.findings if f.code not in REPLACED),
+                *(f for f in found.findings if f.code != "held-values-dominate"))
+    return replace(
+        found, drive=replace(outcome.drive, values=values), parameters=lines, findings=findings,
+        details={**estimate.details, **found.details},
+        fit={**found.fit, "speed_alone_fit_percent": estimate.fit["simulation_fit_percent"]},
+        exhibits=(*found.exhibits, *(e for e in estimate.exhibits if e.kind != "record")))
+
+
+def _of(drive: Drive, suffix: str) -> list[str]:
+    return [f"{b}.{suffix}" for b in drive.bodies]

@@ -1,0 +1,53 @@
+"""The black box with a shaft torque: two seconds of each rig of Table 6.2, no start values."""
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import two_mass
+from drivetool.identify.blackbox import blackbox
+from drivetool.identify.options import Options
+from tests.light_rigs import HEAVY, STEP, TABLE, Sensors, channels, idle_at_motor, steps_record
+from tests.study.study_shaft_torque import opened, truth_of
+
+SHAPE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
+
+
+def lines_of(estimate):
+    return {p.name: p for p in estimate.parameters}
+
+
+@pytest.mark.parametrize(("machine", "seed"), [(TABLE, 480_101), (HEAVY, 480_102)])
+def test_two_seconds_tell_inertias_stiffness_and_damping(machine, seed):
+    true = truth_of(machine)
+    lines = lines_of(blackbox([opened(steps_record(machine, seed, duration=2.0), "steps")], two_mass(), Options()))
+    for name in SHAPE:
+        assert abs(lines[name].value - true[name]) < 3.0 * lines[name].std, name
+        assert lines[name].std < (0.15 if name == "shaft.damping" else 0.003) * true[name]
+    assert not [n for n in lines if n.startswith("total.")]
+
+
+def test_the_idle_torque_is_of_the_record_and_known_viscous_friction_stays():
+    machine = idle_at_motor(TABLE, 27.9)
+    drive = two_mass().with_values({"motor.viscous": 0.107, "load.viscous": 0.0307, "motor.idle_torque": 24.2,
+                                    "load.idle_torque": -1.02})
+    lines = lines_of(blackbox([opened(steps_record(machine, 480_103, duration=2.0), "steps")], drive, Options()))
+    assert abs(lines["motor.idle_torque"].value - 27.9) < 3.0 * lines["motor.idle_torque"].std
+    assert lines["motor.viscous"].status == "held" and lines["motor.viscous"].value == 0.107
+
+
+def test_a_half_gap_of_the_file_is_kept_and_takes_no_part():
+    drive = two_mass().with_values({"shaft.half_gap": 0.1})
+    found = blackbox([opened(steps_record(TABLE, 480_104, duration=2.0), "steps")], drive, Options())
+    without = blackbox([opened(steps_record(TABLE, 480_104, duration=2.0), "steps")], two_mass(), Options())
+    assert found.drive.values["shaft.half_gap"] == 0.1 and lines_of(found)["shaft.half_gap"].status == "held"
+    assert lines_of(found)["shaft.stiffness"].value == lines_of(without)["shaft.stiffness"].value
+    assert "shaft.half_gap" not in lines_of(without)
+
+
+def test_where_nothing_moves_the_shaft_the_answer_is_still_that():
+    """A torque that creeps shows no resonance, in the shaft torque either."""
+    slow = TABLE.idle_torque[0] + TABLE.viscous[0] * 110.0 + 3.0 * np.sin(0.5 * np.arange(0.0, 2.0, STEP))
+    record = channels(TABLE, slow, 110.0, 5, Sensors(converter=1e-3))
+    codes = {f.code: f.severity for f in blackbox([opened(record, "slow")], two_mass(), Options()).findings}
+    assert codes.get("shaft-not-excited") == "failure" or codes.get("impossible-conversion") == "failure"
+
