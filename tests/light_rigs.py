@@ -1,4 +1,4 @@
-"""Light rigs with a shaft-torque sensor: records of constant speeds and of torque steps, of any member of the family.
+"""Light rigs with a shaft-torque sensor: records of constant speeds and of torque steps, by seed.
 
 The family is about Table 6.2 of Tallfors 2005: a motor of 4.8 kg m^2, a load of 0.05 to 0.3 of it, a shaft that
 resonates at 6 to 20 Hz, friction of each side by itself.
@@ -52,7 +52,8 @@ def channels(machine: Machine, torque: np.ndarray, speed: float, seed: int, sens
     control = None if reference is None else PI(reference, 60.0, 100.0, start.torque, 400.0, 1e-3)
     n = len(torque) if reference is None else len(reference)
     run = simulate_fast(machine, torque if reference is None else np.zeros(n), STEP, start, control,
-                        white_noise(n, sensors.converter, rng[0]), sensor_noise=white_noise(n, sensors.speed, rng[1]))
+                        white_noise(n, sensors.converter, rng[0]),
+                        sensor_noise=white_noise(n, sensors.speed, rng[1]))
     shaft = run.shaft_torques[:, 0] + white_noise(n, sensors.shaft, rng[2])
     load = run.speeds[:, 1] + white_noise(n, sensors.speed, rng[3])
     return {"motor_torque": (run.command, "Nm"), "motor_speed": (run.measured, "rad/s"),
@@ -60,14 +61,14 @@ def channels(machine: Machine, torque: np.ndarray, speed: float, seed: int, sens
 
 
 def steady_record(machine: Machine, seed: int, speeds: tuple[float, ...] = SPEEDS,
-                  sensors: Sensors = Sensors()) -> Channels:  # noqa: B008
+                  sensors: Sensors = Sensors()) -> Channels:
     """Speed control at several constant speeds, 6 s each."""
     reference = experiments.staircase(speeds, 6.0, 1.5, STEP)
     return channels(machine, np.zeros(0), speeds[0], seed, sensors, reference)
 
 
 def steps_record(machine: Machine, seed: int, speed: float = 110.0, duration: float = 8.0,
-                 sensors: Sensors = Sensors()) -> Channels:  # noqa: B008
+                 sensors: Sensors = Sensors()) -> Channels:
     """Torque steps up and down about what keeps the speed, open loop; the shaft torque keeps its sign or not."""
     rng, base = np.random.default_rng(seed), running(machine, speed).torque
     torque, i, n = np.full(round(duration / STEP), base), 300, round(duration / STEP)

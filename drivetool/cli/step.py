@@ -85,7 +85,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         for name in (*options.hold, *options.free):
             if name != "all":
                 drive.quantity(name)
-    options = replace(options, free=(*options.free, *apart.free), known=opened.loaded.covariance(drive, single=True),
+    options = replace(options, free=(*options.free, *apart.free),
+                      known=opened.loaded.covariance(drive, single=True),
                       start=replace(start_of(job.start, drive), records=apart.starts))
     try:
         estimate = estimator(opened.experiments, drive, options)

@@ -16,6 +16,7 @@ import numpy as np
 from drivetool.drive.chain import TOTALS, Drive, shared, shares
 from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, torque_constant
+from drivetool.drive.shaft_rows import in_contact, lasting
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
@@ -83,6 +84,7 @@ class Assembly:
         self.masses: list[Dual] = []
         self.shafts: list[tuple[Dual, Dual, Dual]] = []
         self.gaps: dict[int, Dual] = {}
+        self.open_damping: dict[int, Dual] = {}
         self.frictions: dict[int, Dual] = {}
         self.laws: list[Law] = []
         self.dead_time = self.number(0.0)
@@ -223,6 +225,10 @@ class Assembly:
         """Put a dead zone of half width `half` into a shaft."""
         self.gaps[shaft] = half
 
+    def damp(self, shaft: int, damping: Dual) -> None:
+        """Damp a shaft whether or not it is in contact."""
+        self.open_damping[shaft] = damping
+
     def lag_order(self, name: str) -> int:
         """Order of a lag, which is no number to be fitted."""
         value = self.drive.value(name)
@@ -269,12 +275,8 @@ class Assembly:
             twist = self.n + k
             self.torque(twist, k, 1.0 / ratio)
             self.torque(twist, k + 1, -one)
-            if k not in self.gaps:
-                for column, factor in self.spring(k, damped=True).items():
-                    self._on_both(k, column, factor)
-            elif self.drive.damping_law == "always":
-                for column, factor in self.damper(k).items():
-                    self._on_both(k, column, factor)
+            for column, factor in lasting(self, k).items():
+                self._on_both(k, column, factor)
         if "angle" in self.states:
             self.torque(self.states.index("angle"), 0, one)
         if "disturbance" in self.states:
@@ -283,16 +285,6 @@ class Assembly:
     def _on_both(self, shaft: int, column: int, factor: Dual) -> None:
         self.torque(shaft, column, -factor / self.shafts[shaft][2])
         self.torque(shaft + 1, column, factor)
-
-    def damper(self, shaft: int) -> dict[int, Dual]:
-        """Damping torque of a shaft over the state."""
-        _, damping, ratio = self.shafts[shaft]
-        return {shaft: damping / ratio, shaft + 1: -damping}
-
-    def spring(self, shaft: int, damped: bool) -> dict[int, Dual]:
-        """Torque of a shaft in contact over the state, with or without its damping."""
-        found = {self.n + shaft: self.shafts[shaft][0]}
-        return found | self.damper(shaft) if damped else found
 
     def body_of(self, role: str) -> int:
         """Index of the body that a role is measured at or acts on."""
@@ -321,10 +313,7 @@ class Assembly:
         """(row over the state, gap whose torque adds to it or -1) of a measured role."""
         if role.endswith("torque"):
             k = self.shaft_of(role)
-            if k not in self.gaps:
-                return self.spring(k, damped=True), -1
-            always = self.drive.damping_law == "always"
-            return self.damper(k) if always else {}, list(self.gaps).index(k)
+            return lasting(self, k), list(self.gaps).index(k) if k in self.gaps else -1
         body = self.body_of(role)
         one = self.number(1.0)
         if role == "motor_speed" and self.filters_speed():
@@ -349,7 +338,7 @@ class Assembly:
         spring = np.zeros((len(self.gaps), nx, 1 + nq))
         gains, reach = [], []
         for g, (shaft, half) in enumerate(self.gaps.items()):
-            for j, dual in self.spring(shaft, self.drive.damping_law == "inside").items():
+            for j, dual in in_contact(self, shaft, self.drive.damping_law == "inside").items():
                 spring[g, j] = dual.jet()
             gains += [-1.0 / self.shafts[shaft][2], self.number(1.0)]
             reach.append(self.shafts[shaft][0] * half)

@@ -14,6 +14,7 @@ import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive, shared
+from drivetool.drive.shaft_rows import damping_of
 from drivetool.errors import BadOption
 
 MOTOR = "motor_torque"
@@ -105,11 +106,12 @@ def _matrices(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     plain = Assembly(closed(drive), Layout((), (MOTOR,), (), 1.0, gradient=False))
     n = plain.n
     stiffness, damping = np.zeros((n, n)), np.zeros((n, n))
-    for k, (ks, cs, ratio) in enumerate(plain.shafts):
+    for k, (ks, _, ratio) in enumerate(plain.shafts):
         twist = np.zeros(n)
         twist[k], twist[k + 1] = 1.0 / ratio.v, -1.0
         stiffness += ks.v * np.outer(twist, twist)
-        damping += cs.v * np.outer(twist, twist)
+        both = damping_of(plain, k)
+        damping += both.v * np.outer(twist, twist)
     damping += np.diag([plain.of_body(k, "viscous").v for k in range(n)])
     return np.array([mass.v for mass in plain.masses]), stiffness, damping
 

@@ -107,7 +107,7 @@ class Loaded:
         return merged
 
     def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
-        """Of all the files, in the units of `drive`; a value that a later file changes has its covariance from there.
+        """Of all the files, in the units of `drive`; a value that a later file changes has none of before.
 
         single  of a recording like those that the files are from: with what varies from one to another
         """

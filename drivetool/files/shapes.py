@@ -259,7 +259,7 @@ class ParameterFile(Shape):
         dict[str, ParameterSection | float],
         Meta(description="by name; a bare number is in the drive's own unit")] = {}
     derived: Annotated[dict[str, DerivedSection], Meta(
-        description="resonances, their damping ratios by all friction, and the total inertia of a drive with a shaft",
+        description="of a drive with a shaft: resonances, their damping ratios by all friction, the total inertia",
         )] | UnsetType = UNSET
     explanation: Annotated[str, Meta(
         description="which explanation of the record was chosen, and why")] | UnsetType = UNSET

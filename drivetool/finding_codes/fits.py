@@ -116,6 +116,16 @@ CODES = {
         "The shaft torque was measured, and this record does not tell a body's friction to a third of itself. The "
         "value of the parameter file stands, and its covariance is propagated.",
         "Record steps about speeds that differ more, or name the parameter with `--free`."),
+    "gap-law": Code(
+        NOTE,
+        "Both published laws of a gap were fitted, and one leads by more than 7 of log likelihood: the damping is "
+        "part of the contact (`inside`), or acts in the gap too (`always`). The file has it as `damping_law`.",
+        "Keep `damping_law` in the parameter file."),
+    "gap-law-undetermined": Code(
+        NOTE,
+        "Both published laws of a gap were fitted, and neither leads by more than 7 of log likelihood. The values "
+        "of both are in the evidence; the estimate is by the law of the parameter file.",
+        "Record more passages through the gap, slow ones too."),
     "held-values-dominate": Code(
         NOTE,
         "The uncertainty of held values, propagated from the parameter file, contributes more than twice the "

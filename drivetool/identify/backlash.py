@@ -20,6 +20,7 @@ from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.explanation import explained
+from drivetool.identify.gap_laws import both_laws, details_of, law_told
 from drivetool.identify.greybox import ALL, chosen, expanded
 from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
@@ -83,7 +84,10 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     if shut:
         return _not_crossed(task, drive, shut, closed, options)
     loose, least = loosened(task, asked), {}
-    if loose is None:
+    laws = both_laws(task, asked)
+    if laws is not None:
+        white = friction_told(laws.outcome, drive, options, asked)
+    elif loose is None:
         white = fit_apart(task, options, asked, _starts(task, gaps, options))
         white = friction_told(white, drive, options, asked)
     else:
@@ -93,7 +97,10 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
                 and not unsettled(outcome) and g not in least and _wide(outcome, g)}
     estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
-                       {"contact": _counts(outcome, drive, gaps)}, known=options.known, explanation=explanation)
+                       {"contact": _counts(outcome, drive, gaps), **(details_of(laws) if laws else {})},
+                       known=options.known, explanation=explanation)
+    if laws is not None:
+        estimate = replace(estimate, findings=(law_told(laws, drive.shafts[0]), *estimate.findings))
     estimate = as_in_file(estimate, outcome, options.known, free)
     estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
                                            *estimate.findings))

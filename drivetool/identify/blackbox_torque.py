@@ -1,4 +1,4 @@
-"""The black box with a shaft torque: motor torque to speed and to shaft torque, as two transfer functions of one drive.
+"""The black box with a shaft torque: motor torque to speed and to shaft torque, two transfer functions of a drive.
 
 The reference fits the two by themselves, to speed and to shaft torque, and converts them. They have the poles, the
 inertias and the stiffness in common: here both are fitted together, in the drive's own parameters, from where the

@@ -145,8 +145,7 @@ def contradicted(known: Covariance | None, before: Drive, after: Drive, now: Cov
         "these values.",
         {name: z for name, (_, z) in off.items()},
         "Run diagnose on both recordings; friction of the load, say, is fitted with --free load.coulomb "
-        "--set load.coulomb=1. Friction and load of another day may simply be others: this record's values hold for "
-        "this record.")]
+        "--set load.coulomb=1. Friction and load of another day may be others: this record's values hold for it.")]
 
 
 def _not_begun_so(outcome: Outcome) -> list[Finding]:

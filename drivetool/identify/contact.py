@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.assemble import Assembly, Layout
+from drivetool.drive.shaft_rows import in_contact
 from drivetool.errors import Finding
 from drivetool.identify.engine import Task
 from drivetool.identify.noise import Noise, filtered, fit_ratio
@@ -61,7 +62,7 @@ def spring_of(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray
     """(the drive's equations, (nx,) torque of a shaft over its states if its gap were closed)."""
     plain = Assembly(task.drive, Layout((), task.roles.inputs, task.roles.outputs, step, gradient=False))
     spring = np.zeros(plain.nx)
-    for j, dual in plain.spring(shaft, damped=task.drive.damping_law == "inside").items():
+    for j, dual in in_contact(plain, shaft, task.drive.damping_law == "inside").items():
         spring[j] = dual.v
     return plain, spring
 

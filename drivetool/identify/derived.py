@@ -21,9 +21,9 @@ COUNTS = 1e-2  # of a figure, that an unknown parameter must move it by when it 
 def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
     """One line per figure, with the interval that follows from the covariance of the parameters.
 
-    Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping ratio
-    is that of the poles and zeros, so that the friction of the bodies counts. No interval where a figure moves with
-    a parameter that the record did not tell.
+    Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping
+    ratio is that of the poles and zeros, so that the friction of the bodies counts. No interval where a figure
+    moves with a parameter that the record did not tell.
 
     drive    with its values
     lines    what was told of its parameters; covariance: of those that have intervals
@@ -44,13 +44,15 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
     unknown = [p.name for p in lines if p.std is None and p.status != "held" and AT not in p.name
                and p.name in drive.values]
     stds = {} if covariance is None else dict(zip(known, np.sqrt(np.diag(covariance.matrix)), strict=True))
-    slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known]).reshape(len(known), len(figures))
+    slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known])
+    slopes = slopes.reshape(len(known), len(figures))
     blind = _moved(drive, unknown, figures)
     found = []
     for k, (name, (value, unit)) in enumerate(figures.items()):
         variance = 0.0 if covariance is None else float(slopes[:, k] @ covariance.matrix @ slopes[:, k])
         if blind[k] or not 0.0 < variance < np.inf:
-            reason = f"it depends on {', '.join(blind[k])}" if blind[k] else "no inertia and no stiffness was fitted in this step"
+            reason = (f"it depends on {', '.join(blind[k])}" if blind[k]
+                      else "no inertia and no stiffness was fitted in this step")
             found.append(Parameter(name, value, unit, status="held", reason=reason))
             continue
         std = float(np.sqrt(variance))
@@ -84,7 +86,8 @@ def _slopes(drive: Drive, name: str, step: float, figures: dict[str, tuple[float
     if name not in drive.values or step == 0.0:
         return [0.0] * len(figures)
     ends = [_figures(_with(drive, name, drive.values[name] + side * step)) for side in (1.0, -1.0)]
-    return [(ends[0][n][0] - ends[1][n][0]) / (2.0 * step) if all(n in e for e in ends) else np.nan for n in figures]
+    return [(ends[0][n][0] - ends[1][n][0]) / (2.0 * step) if all(n in e for e in ends) else np.nan
+            for n in figures]
 
 
 def _moved(drive: Drive, unknown: Sequence[str], figures: dict[str, tuple[float, str]]) -> list[list[str]]:

@@ -94,6 +94,18 @@ def fit_innovations(problem: Problem, point: Point, noise: Noise | None = None, 
     return replace(best, rounds=rounds, gain=float(gain))
 
 
+def until_settled(problem: Problem, fit: Fit, runs: int) -> Fit:
+    """The fit, gone on with where it was stopped before it came to rest: on its way the noise is not its own.
+
+    runs  of further fits at most
+    """
+    for _ in range(runs):
+        if fit.converged:
+            break
+        fit = fit_innovations(problem, fit.point, fit.noise, arrived=True)
+    return fit
+
+
 def settle(problem: Problem, fit: Fit) -> Fit:
     """Repeat the last round with a tight tolerance, so that two ways in end in the same digits.
 

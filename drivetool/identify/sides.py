@@ -1,4 +1,4 @@
-"""Friction of the two sides of a shaft whose torque was measured: never summed, and told by the record or by a file.
+"""Friction of the two sides of a shaft whose torque was measured: never summed, told by the record or by a file.
 
 A shaft torque tells what is lost before it from what is lost behind it. At speeds that hardly differ each side's
 viscous friction still trades against its idle torque; then what an earlier step told of them stands.
@@ -15,7 +15,7 @@ from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.compose import moved_with
 from drivetool.identify.engine import Outcome, again
-from drivetool.identify.estimate import Covariance, Estimate
+from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.parts import SHARE, size_of_idle
 from drivetool.identify.results import Z95, covariance_of
@@ -73,19 +73,18 @@ def _untold(outcome: Outcome, before: Drive, suffix: str) -> set[str]:
 
 
 def as_in_file(estimate: Estimate, outcome: Outcome, known: Covariance | None, free: Sequence[str]) -> Estimate:
-    """The estimate with what the file told of friction that was to be fitted: its intervals, and what goes with them.
+    """The estimate with what the file told of friction that was to be fitted: its intervals, what goes with them.
 
     free  what was to be fitted; of it `friction_told` held what the record does not tell
     """
     names = {n for n in free if n not in outcome.task.free and n.endswith(tuple(TOTALS.values()))}
-    found = moved_with(outcome, known) if names and has_sides(outcome.drive, outcome.task.roles, Options()) else None
+    sided = has_sides(outcome.drive, outcome.task.roles, Options())
+    found = moved_with(outcome, known) if names and sided else None
     if found is None:
         return estimate
     moved, held = found
     stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
-    lines = tuple(replace(p, std=float(stds[p.name]), ci95=(p.value - Z95 * stds[p.name], p.value + Z95 * stds[p.name]),
-                          reason="as in the file: this record does not tell it") if p.name in names else p
-                  for p in estimate.parameters)
+    lines = tuple(_with_std(p, float(stds[p.name])) if p.name in names else p for p in estimate.parameters)
     covariance, told = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
         rows = [outcome.task.free.index(n) for n in covariance.names]
@@ -95,8 +94,14 @@ def as_in_file(estimate: Estimate, outcome: Outcome, known: Covariance | None, f
             [covariance.matrix, cross], [cross.T, held.matrix[np.ix_(columns, columns)]]]))
     note = Finding(
         "note", "friction-as-in-the-file",
-        f"{', '.join(told)}: this record does not tell {'it' if len(told) == 1 else 'them'} to a third; what the file "
-        "says stands, with its uncertainty in all intervals.", {n: float(stds[n]) for n in told},
+        f"{', '.join(told)}: this record does not tell {'it' if len(told) == 1 else 'them'} to a third; what the "
+        "file says stands, with its uncertainty in all intervals.", {n: float(stds[n]) for n in told},
         "Record steps about speeds that differ more, or hold each speed for longer.")
     findings = [f for f in estimate.findings if f.code != "held-values-dominate"]
     return replace(estimate, parameters=lines, covariance=covariance, findings=(*findings, note))
+
+
+def _with_std(line: Parameter, std: float) -> Parameter:
+    """A held value with its uncertainty."""
+    return replace(line, std=std, ci95=(line.value - Z95 * std, line.value + Z95 * std),
+                   reason="as in the file: this record does not tell it")

@@ -48,6 +48,7 @@ SMOOTH = {
     "hardening-stiffness": {"shaft.hardening": 0.5, "shaft.hardening_twist": 0.01},
     "load-dependent-damping": {"shaft.load_damping": 0.02},
     "speed-filter": {"sensor.bandwidth": 500.0},
+    "damping-in-gap": {"shaft.gap_damping": 1.5},
     "torque-constant": {"motor.torque_constant": 1.4},
 }
 

@@ -77,8 +77,8 @@ def test_friction_alone_has_no_resonance_with_an_interval():
 
 def test_a_longer_chain_has_each_mode_and_a_stiff_one_none():
     arm = three_mass().with_values({
-        "motor.inertia": 1.3, "gear.inertia": 0.5, "arm.inertia": 0.45, "shaft.stiffness": 6500.0, "shaft.damping": 2.6,
-        "shaft2.stiffness": 19000.0, "shaft2.damping": 7.4})
+        "motor.inertia": 1.3, "gear.inertia": 0.5, "arm.inertia": 0.45, "shaft.stiffness": 6500.0,
+        "shaft.damping": 2.6, "shaft2.stiffness": 19000.0, "shaft2.damping": 7.4})
     names = [p.name for p in derived(arm, lines_of(arm), None)]
     assert names == [f"{kind}{number}{what}" for number in ("", "2") for kind in ("anti_resonance", "resonance")
                      for what in ("", "_damping_ratio")] + ["total_inertia_at_motor"]

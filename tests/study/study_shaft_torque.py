@@ -2,9 +2,9 @@
 
     python -m tests.study.study_shaft_torque [rigs] [shift] [duration]
 
-Every rig runs at three speeds for `steady`, then makes torque steps for `greybox`, which is given what `steady` found
-and start values 20 to 60 % off. A line per parameter: of how many rigs the 95 % interval held the truth, the median
-half width over the value. Then on how many rigs the joint normalised error was below the 99.9 % quantile of
+Every rig runs at three speeds for `steady`, then makes torque steps for `greybox`, which is given what `steady`
+found and start values 20 to 60 % off. A line per parameter: of how many rigs the 95 % interval held the truth, the
+median half width over the value. Then on how many rigs the joint normalised error was below the 99.9 % quantile of
 chi-square, and whose estimates still hold a sum.
 """
 

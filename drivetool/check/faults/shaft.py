@@ -13,6 +13,7 @@ from drivetool.check.faults.preflight import Fault
 from drivetool.check.fit.model import Model, from_start
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.chain import Drive
+from drivetool.drive.shaft_rows import closed_shaft
 from drivetool.errors import Finding
 from drivetool.identify.engine import Task
 from drivetool.identify.least_squares import schur
@@ -224,7 +225,7 @@ def shaft_torque_of(model: Model) -> tuple[np.ndarray, np.ndarray]:
     task = model.fitted
     plain = Assembly(task.drive, Layout(task.free, task.roles.inputs, task.roles.outputs, 1.0, gradient=False))
     row = np.zeros(plain.nx)
-    for j, dual in plain.spring(0, damped=True).items():
+    for j, dual in closed_shaft(plain, 0).items():
         row[j] = dual.v
     states = np.concatenate([f.states[:, :plain.nx] for f in filtered(model.problem, model.point, model.noise)])
     return states @ row, states[:, 0]

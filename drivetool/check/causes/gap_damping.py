@@ -1,0 +1,32 @@
+"""Damping that acts in the gap as well."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.starts import added, present
+
+if TYPE_CHECKING:
+    from drivetool.check.fit.model import Model
+
+
+def _starts(base: Model) -> list[Start]:
+    """Beside the damping of the contact, and in the place of it."""
+    found = []
+    for shaft in base.task.drive.shafts:
+        name, own = f"{shaft}.gap_damping", f"{shaft}.damping"
+        if not present(base, f"{shaft}.half_gap") or present(base, name):
+            continue
+        damping = base.fitted.drive.value(own) or 0.0
+        found += [added(base, {name: 0.0}, (name,)),
+                  added(base, {name: damping, own: 0.0}, (), held=() if own in base.task.free else (own,))]
+    return found
+
+
+CAUSES = (Cause(
+    "damping-in-gap", "damping in the gap",
+    "While the shaft turns through its gap without contact, something still damps it: oil between the flanks, or a "
+    "damper around the play.",
+    "Keep shaft.gap_damping in the parameters; a gap that is damped hits less hard than one that is not.",
+    "damping-in-gap", starts=_starts, sizes=("gap_damping",), bodies=2),)

@@ -1,0 +1,159 @@
+"""Both published laws of a gap with damping, where a shaft torque was measured: which the record is of.
+
+"inside": the damping belongs to the contact, which then never pulls. "always": it acts in the gap too. Across many
+passages a fit finds its way only from close by: half gap and damping begin where the dead stretches of the shaft
+torque have them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import numpy as np
+
+from drivetool.drive.chain import DampingLaw
+from drivetool.errors import DriveToolError, Finding
+from drivetool.identify.dead_stretches import Crossings, crossings
+from drivetool.identify.engine import Outcome, Task
+from drivetool.identify.innovations import fit_innovations, settle, until_settled
+from drivetool.identify.noise import Noise, fit_ratio
+from drivetool.identify.options import Options
+from drivetool.identify.search import apart
+from drivetool.identify.setup import first_point
+
+TOLD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
+SHARES = (0.6, 1.0, 1.6)  # of the contact's damping at which a fit begins: the dead stretches tell it to a third
+MORE = 4  # fits in a row, until one settles
+HOPEFUL = 300.0  # log likelihood behind the likeliest start from which a fit may still end as well
+WORDS = {"inside": "the damping belongs to the contact", "always": "the shaft is damped in its gap too"}
+
+
+@dataclass(frozen=True)
+class BothLaws:
+    """What came of both laws: the better outcome; of each law its outcome; what the dead stretches told."""
+
+    outcome: Outcome
+    each: Mapping[str, Outcome]
+    seen: Crossings
+
+    @property
+    def lead(self) -> float:
+        """Log likelihood of the better law over the other; infinite where only one has a fit."""
+        values = sorted(map(_value, self.each.values()))
+        return values[1] - values[0] if len(values) > 1 else float("inf")
+
+
+def both_laws(task: Task, options: Options) -> BothLaws | None:
+    """The fits of both laws from what the dead stretches tell; None: they tell nothing, or no fit settled.
+
+    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts.
+
+    task  with one half gap free
+    """
+    if len(task.drive.shafts) != 1 or options.criterion not in ("auto", "innovations"):
+        return None
+    shaft = task.drive.shafts[0]
+    seen = crossings(task)
+    if not seen:
+        return None
+    names = {f"{shaft}.half_gap", f"{shaft}.damping"} - set(options.hold)
+    each: dict[str, Outcome] = {}
+    for law in get_args(DampingLaw):
+        starts = [start for one in seen for start in _starts(task, shaft, law, one, names)]
+        if (found := _by_law(starts, task.free, names)) is not None:
+            each[law] = found
+    settled = [o for o in each.values() if o.converged]
+    if not settled:
+        return None
+    best = min(each.values(), key=_value)
+    own = each.get(task.drive.damping_law)
+    both = BothLaws(best, each, seen[0])
+    # Where the record does not tell, the law of the file stays.
+    return replace(both, outcome=own) if own is not None and own.converged and both.lead <= TOLD else both
+
+
+def _starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
+    """The task under a law with the gap, and the damping if it is free, where a fit is to begin."""
+    name = f"{shaft}.damping"
+    first = [seen.open] if law == "always" else []
+    values = [v for v in (*first, *(share * seen.closed for share in SHARES)) if v > 0.0]
+    begun = replace(task, drive=replace(task.drive, damping_law=law)).at({f"{shaft}.half_gap": seen.half_gap})
+    return [begun.at({name: v}) for v in dict.fromkeys(values)] if name in names and values else [begun]
+
+
+def _by_law(starts: Sequence[Task], free: tuple[str, ...], names: set[str]) -> Outcome | None:
+    """The fit of one law: gap and damping from every start, then all that is free from the likeliest ends."""
+    order = starts[0].drive.quantities
+    first = [o for start in starts if (o := _tried(
+        replace(start, free=tuple(n for n in order if n in names)), 0)) is not None]
+    if not first:
+        return None
+    best = min(map(_value, first))
+    rest, found = tuple(n for n in order if n in {*names, *free}), []
+    for o in first:
+        if _value(o) < best + HOPEFUL:
+            task = replace(o.task.at_point(o.solution.point), free=rest)
+            found.append(_tried(task, MORE, o.fit.noise if o.fit is not None else None))
+    return _with_starts([o for o in found if o is not None])
+
+
+def _tried(task: Task, more: int, noise: Noise | None = None) -> Outcome | None:
+    """A fit from the task's values; None where it fails.
+
+    more  fits, each from where the one before was stopped, until one settles
+    """
+    try:
+        problem = task.problem()
+        point = first_point(task.drive, problem, task.roles)
+        fit = fit_innovations(problem, point, noise or fit_ratio(problem, point, Noise(1.0, None, problem.scale)),
+                              arrived=noise is not None)
+        if more:
+            fit = settle(problem, until_settled(problem, fit, more))
+    except (DriveToolError, np.linalg.LinAlgError):
+        return None
+    return Outcome(task, problem, fit.solution, fit, (), fit.converged)
+
+
+def _with_starts(found: Sequence[Outcome]) -> Outcome | None:
+    """The likeliest outcome that settled, with where each start led: of one on its way the noise is not its own."""
+    if not found:
+        return None
+    best = min([o for o in found if o.converged] or found, key=_value)
+    starts = tuple({
+        "way": "dead stretches", "minus_log_likelihood_above_best": max(_value(o) - _value(best), 0.0),
+        "apart": apart(best.problem, best.solution, o.solution),
+        "reached": dict(zip(o.task.free, map(float, o.solution.point.values), strict=True))} for o in found)
+    return replace(best, starts=starts)
+
+
+def _value(outcome: Outcome) -> float:
+    return outcome.fit.value if outcome.fit is not None else float("inf")
+
+
+def law_told(both: BothLaws, shaft: str) -> Finding:
+    """Which law the record is of, with both results."""
+    evidence: dict[str, float] = {}
+    for law, o in both.each.items():
+        evidence |= {f"half_gap_{law}": o.drive.values[f"{shaft}.half_gap"],
+                     f"damping_{law}": o.drive.value(f"{shaft}.damping") or 0.0}
+    law = both.outcome.drive.damping_law
+    sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} rad, damping "
+                      f"{evidence[f'damping_{name}']:.3g}" for name in both.each)
+    if both.lead <= TOLD:
+        return Finding(
+            "note", "gap-law-undetermined",
+            f"Whether {WORDS['inside']} or {WORDS['always']} this record does not tell ({sizes}).",
+            {**evidence, "log_likelihood_lead": both.lead},
+            "Record more passages through the gap, slow ones too: there damping in the gap takes the most.")
+    lead = {"log_likelihood_lead": both.lead} if both.lead < float("inf") else {}
+    return Finding(
+        "note", "gap-law", f"By this record {WORDS[law]} (damping_law: {law}): log likelihood {both.lead:.0f} "
+        f"above the other law ({sizes}).", {**evidence, **lead}, "Keep damping_law in the parameter file.")
+
+
+def details_of(both: BothLaws) -> dict[str, object]:
+    """What the dead stretches told, beside what was fitted."""
+    return {"dead_stretches": {"half_gap": both.seen.half_gap, "spread": both.seen.spread,
+                               "damping_in_gap": both.seen.open, "crossings": both.seen.count}}

@@ -1,0 +1,93 @@
+"""The gap by the dead stretches of a shaft torque, and which law its damping follows."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivetool.drive.chain import two_mass
+from drivetool.identify.backlash import backlash
+from drivetool.identify.dead_stretches import crossings
+from drivetool.identify.gap_laws import TOLD, both_laws, law_told
+from drivetool.identify.options import Options
+from drivetool.identify.setup import roles_of
+from drivetool.identify.task import Task
+from tests.light_rigs import HEAVY, TABLE
+from tests.study.study_gap_laws import gap_record, truth_of
+from tests.study.study_shaft_torque import ROLES, opened
+
+# The rigs of Table 6.2 with their gaps open.
+RIGS = {"light": (TABLE, 0.156), "heavy": (HEAVY, 0.131)}
+
+
+def rig(name, law, damping):
+    machine, half_gap = RIGS[name]
+    return replace(machine, half_gap=(half_gap,), law=law, damping=(damping,))
+
+
+def task_of(machine, seed=5, roles=ROLES, **values):
+    record = opened(gap_record(machine, seed), "gap", roles)
+    drive = two_mass().with_values(truth_of(machine) | {f"shaft.{n}": v for n, v in values.items()})
+    return Task(drive, ("shaft.half_gap",), roles_of([record], drive), (record,))
+
+
+@pytest.mark.parametrize("damping", [0.083, 0.863, 3.0])
+@pytest.mark.parametrize("law", ["inside", "always"])
+@pytest.mark.parametrize("name", RIGS)
+def test_dead_stretches_tell_gap_and_damping_without_a_simulation(name, law, damping):
+    """Half gap within 1.5 %, the damping in the gap within 3 % of all, whatever damping the drive believes in."""
+    machine = rig(name, law, damping)
+    for seen in crossings(task_of(machine, damping=40.0)):
+        assert seen.half_gap == pytest.approx(machine.half_gap[0], rel=0.015) and seen.count > 10
+        assert seen.open == pytest.approx(damping if law == "always" else 0.0, abs=0.03 * damping + 0.02)
+        assert abs(seen.half_gap - machine.half_gap[0]) < 3.0 * seen.spread
+
+
+def test_a_gap_that_is_not_crossed_has_no_dead_stretch():
+    closed = replace(TABLE, half_gap=(0.0,))
+    assert all(c.half_gap < 1e-3 for c in crossings(task_of(closed)))
+    without = task_of(rig("light", "always", 0.863), roles=ROLES[:2])
+    assert crossings(without) == [] and both_laws(without, Options()) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["inside", "always"])
+def test_the_law_of_the_machine_is_named_and_its_gap_found(law):
+    """The drive knows the damping of the closed gap, a tenth of what acts, and the other law."""
+    machine = rig("light", law, 0.863)
+    task = task_of(machine, 6)
+    drive = replace(task.drive, damping_law="always" if law == "inside" else "inside",
+                    values=task.drive.values | {"shaft.damping": 0.083})
+    estimate = backlash(task.experiments, drive, Options())
+    lines = {p.name: p for p in estimate.parameters}
+    (told,) = [f for f in estimate.findings if f.code == "gap-law"]
+    assert estimate.drive.damping_law == law and told.evidence["log_likelihood_lead"] > 1000.0
+    for name, true in (("shaft.half_gap", 0.156), ("shaft.damping", 0.863)):
+        assert abs(lines[name].value - true) < 3.0 * lines[name].std, name
+    assert lines["shaft.half_gap"].std < 1e-3 * 0.156
+    assert estimate.details["dead_stretches"]["half_gap"] == pytest.approx(0.156, rel=0.01)
+    assert not [f for f in estimate.findings if f.severity != "note"]
+
+
+@pytest.mark.parametrize(("lead", "code"), [(0.6 * TOLD, "gap-law-undetermined"), (1.6 * TOLD, "gap-law")])
+def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
+    assert 4.5 < TOLD < 9.0
+    both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
+    better = both.outcome
+    other = both.each["inside"]
+    near = replace(both, each={"always": better, "inside": replace(
+        other, fit=replace(other.fit, value=better.fit.value + lead))})
+    found = law_told(near, "shaft")
+    assert found.code == code
+    assert {"half_gap_inside", "half_gap_always", "damping_inside", "damping_always"} <= set(found.evidence)
+    assert f"{found.evidence['half_gap_inside']:.4g} rad" in found.text
+
+
+@pytest.mark.slow
+def test_where_the_damping_is_held_it_stays():
+    task = task_of(rig("heavy", "always", 0.863))
+    found = backlash(task.experiments, task.drive, Options(hold=("shaft.damping",)))
+    line = {p.name: p for p in found.parameters}["shaft.damping"]
+    assert line.status == "held" and line.value == 0.863
+    assert abs(found.drive.values["shaft.half_gap"] - 0.131) < 2.6e-4
+
+
