@@ -7,11 +7,13 @@ The same bytes on every run. A `_holdout` twin is the same experiment with other
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from tests import light_rigs
+from tests.light_rigs import TABLE
 from tests.simulator import experiments
 from tests.simulator.controllers import PositionPD, SpeedPI
 from tests.simulator.machine import Machine, State, running
@@ -25,7 +27,7 @@ from tests.simulator.papers import (
     bus_run,
     robot_record,
 )
-from tests.simulator.records import Channels, white_noise, write_mcap, write_parquet
+from tests.simulator.records import Channels, quantise, white_noise, write_mcap, write_parquet
 from tests.simulator.simulate import Sensor, Trajectory, simulate
 
 STEP = 1e-3
@@ -133,6 +135,40 @@ RECORDS = {
 }
 
 
+# The light rig of Table 6.2 with its gap, damped in the gap too, and with a shaft-torque sensor.
+LIGHT = replace(TABLE, half_gap=(0.156,), damping=(0.863,), law="always")
+LIGHT_RESOLUTION = {"Nm": 1e-3, "rad/s": 1e-4}
+
+
+def light_channels(torque: np.ndarray, speed: float, seed: int) -> Channels:
+    """Open loop from a constant speed, rounded as a logger does."""
+    return logged(light_rigs.channels(LIGHT, np.round(torque, 3), speed, seed, light_rigs.Sensors()))
+
+
+def logged(record: Channels) -> Channels:
+    """The channels in steps of the logger's resolution."""
+    return {name: (quantise(values, LIGHT_RESOLUTION[unit]), unit) for name, (values, unit) in record.items()}
+
+
+def light_steps(seed: int, speed: float, sizes: tuple[float, ...]) -> Channels:
+    """Torque only ever upwards: the gap stays closed."""
+    base = running(LIGHT, speed).torque
+    return light_channels(experiments.steps(round(base, 3), sizes, (0.3, 0.6), 0.5, STEP, seed), speed, seed)
+
+
+def light_gap(seed: int, speed: float, amplitude: tuple[float, float]) -> Channels:
+    """Torque steps of both signs: the shaft crosses its gap."""
+    base = running(LIGHT, speed).torque
+    return light_channels(experiments.alternating(base, amplitude, (0.25, 0.5), 11, 0.4, STEP, seed), speed, seed)
+
+
+LIGHT_RECORDS = {
+    "steady": lambda: logged(light_rigs.steady_record(LIGHT, 601)),
+    "steps": lambda: light_steps(602, 105.0, (30.0, 40.0, 25.0, 35.0, 30.0, 45.0, 25.0, 30.0)),
+    "gap": lambda: light_gap(603, 110.0, (40.0, 80.0)),
+    "gap_holdout": lambda: light_gap(604, 110.0, (30.0, 90.0)),
+}
+
 # Records of the literature, as Parquet only: (channels, sample interval).
 PAPERS = {
     "robot": {
@@ -195,6 +231,13 @@ def make(folder: Path) -> None:
             write_parquet(folder / room / f"{name}.parquet", values, STEP)
             write_mcap(folder / room / f"{name}.mcap", values, STEP)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * STEP:g} s", file=sys.stderr)
+    (folder / "light").mkdir(parents=True, exist_ok=True)
+    (folder / "light" / "truth.yaml").write_text(truth(LIGHT, DRIVE_NOISE, "Nm", "rad", "motor_speed"))
+    for name, record in LIGHT_RECORDS.items():
+        values = record()
+        write_parquet(folder / "light" / f"{name}.parquet", values, STEP)
+        write_mcap(folder / "light" / f"{name}.mcap", values, STEP)
+        print(f"light/{name}: {len(values['motor_torque'][0]) * STEP:g} s", file=sys.stderr)
     for room, records in PAPERS.items():
         (folder / room).mkdir(parents=True, exist_ok=True)
         for name, record in records.items():

@@ -48,7 +48,8 @@ class BothLaws:
 def both_laws(task: Task, options: Options) -> BothLaws | None:
     """The fits of both laws from what the dead stretches tell; None: they tell nothing, or no fit settled.
 
-    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts.
+    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts. So
+    are values that came with an uncertainty: over many passages one per cent of them leads astray.
 
     task  with one half gap free
     """
@@ -59,10 +60,12 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     if not seen:
         return None
     names = {f"{shaft}.half_gap", f"{shaft}.damping"} - set(options.hold)
+    loose = [] if options.known is None else [
+        n for n in options.known.names if n in task.drive.values and n not in options.hold]
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
         starts = [start for one in seen for start in _starts(task, shaft, law, one, names)]
-        if (found := _by_law(starts, task.free, names)) is not None:
+        if (found := _by_law(starts, (*task.free, *loose), names)) is not None:
             each[law] = found
     settled = [o for o in each.values() if o.converged]
     if not settled:
