@@ -24,19 +24,28 @@ def merged(files: Sequence[tuple[str, shapes.ParameterFile]], drive: Drive, sing
     raises  BadParameters: a unit that the drive cannot take
     """
     names: list[str] = []
-    matrix, values = np.zeros((0, 0)), dict[str, float]()
+    matrix, values, scatter = np.zeros((0, 0)), dict[str, float](), dict[str, float]()
     for name, file in files:
         own, block = _own(name, file, drive)
         given = {n: v for n, entry in file.parameters.items() if (v := _value(n, entry, drive, name)) is not None}
-        stays = [i for i, n in enumerate(names) if n not in own and not (
-            n in given and abs(given[n] - values.get(n, np.nan)) > SAME * abs(given[n]))]
+        stays = [i for i, n in enumerate(names) if n not in own and same(given.get(n), values.get(n))]
         names = [*(names[i] for i in stays), *own]
         matrix = np.block([[matrix[np.ix_(stays, stays)], np.zeros((len(stays), len(own)))],
                            [np.zeros((len(own), len(stays))), block]])
         values |= given
+        # What a file carries on has the scatter in it already.
+        scatter |= {n: _scatter(n, file.parameters.get(n), drive, name) for n in own}
+    # Of a value that was set by hand, or stands in a sum now, nothing is known.
+    kept = [i for i, n in enumerate(names) if n in drive.values and same(drive.values[n], values.get(n))]
+    names, matrix = [names[i] for i in kept], matrix[np.ix_(kept, kept)]
     if single and names:
-        matrix = matrix + np.diag([_scatter(files, n, drive) ** 2 for n in names])
+        matrix = matrix + np.diag([scatter[n] ** 2 for n in names])
     return Covariance(tuple(names), matrix) if names else None
+
+
+def same(new: float | None, old: float | None) -> bool:
+    """Whether a value is only carried on; one that is not given is."""
+    return new is None or (old is not None and abs(new - old) <= SAME * abs(new))
 
 
 def _own(name: str, file: shapes.ParameterFile, drive: Drive) -> tuple[list[str], np.ndarray]:
@@ -51,13 +60,11 @@ def _own(name: str, file: shapes.ParameterFile, drive: Drive) -> tuple[list[str]
     return names, np.array(section.matrix, dtype=float)[np.ix_(index, index)] * np.outer(scale, scale)
 
 
-def _scatter(files: Sequence[tuple[str, shapes.ParameterFile]], parameter: str, drive: Drive) -> float:
-    """Standard deviation of a parameter from recording to recording, by the last file that states one."""
-    for name, file in reversed(files):
-        entry = file.parameters.get(parameter)
-        if isinstance(entry, shapes.ParameterSection) and isinstance(entry.repeatability, float):
-            return entry.repeatability * factor(drive, parameter, entry.unit, name)
-    return 0.0
+def _scatter(parameter: str, entry: shapes.ParameterSection | float | None, drive: Drive, name: str) -> float:
+    """Standard deviation of a parameter from recording to recording; zero where the file states none."""
+    if not isinstance(entry, shapes.ParameterSection) or not isinstance(entry.repeatability, float):
+        return 0.0
+    return entry.repeatability * factor(drive, parameter, entry.unit, name)
 
 
 def _value(parameter: str, entry: shapes.ParameterSection | float, drive: Drive, name: str) -> float | None:

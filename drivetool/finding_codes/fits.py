@@ -66,8 +66,8 @@ CODES = {
         "Nothing: a simulated record has no noise."),
     "fitted-again": Code(
         NOTE,
-        "The load is light compared with the motor, and linear parameters that are a few per cent off would bias "
-        "the half gap. They are fitted again together with it.",
+        "Linear parameters that are a few per cent off would bias the half gap: the load is light compared with "
+        "the motor, or a measured shaft torque shows many passages. They are fitted again together with it.",
         "Use `--hold` for values that are known for certain."),
     "gap-left-out": Code(
         WARNING,
@@ -124,7 +124,7 @@ CODES = {
     "gap-law-undetermined": Code(
         NOTE,
         "Both published laws of a gap were fitted, and neither leads by more than 7 of log likelihood. The values "
-        "of both are in the evidence; the estimate is by the law of the parameter file.",
+        "of both are in the evidence; the estimate is by the law of the parameter file, if its fit settled.",
         "Record more passages through the gap, slow ones too."),
     "held-values-dominate": Code(
         NOTE,

@@ -20,7 +20,7 @@ from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.explanation import explained
-from drivetool.identify.gap_laws import both_laws, details_of, law_told
+from drivetool.identify.gap_laws import both_laws, details_of, laws_told
 from drivetool.identify.greybox import ALL, chosen, expanded
 from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
@@ -31,8 +31,8 @@ from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
-from drivetool.identify.setup import first_states, led_in, roles_of
-from drivetool.identify.sides import as_in_file, friction_told, with_frictions
+from drivetool.identify.setup import Roles, first_states, led_in, roles_of
+from drivetool.identify.sides import as_in_file, friction_told, has_sides, with_frictions
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals
 from drivetool.identify.torque_constant import only_in_greybox
@@ -49,7 +49,7 @@ WIDE = 0.3  # relative std beyond which the curvature is not trusted
 
 
 def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
-    """Half gap of the shafts; linear parameters are held unless freed.
+    """Half gap of the shafts; linear parameters are held unless freed, or told again by contacts with a sensor.
 
     experiments  records whose shaft torque changes sign
     drive        inertias, stiffness, damping and friction from the steps before
@@ -66,13 +66,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     experiments = [led_in(measured(e), drive, options.free) for e in at_rates("backlash", experiments, options)]
     roles = roles_of(experiments, drive)
     if options.criterion == "inverse":
-        from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
-
-        drive = apart(drive)
-        free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))
-        free = shared_by_some(free, drive, experiments)
-        return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
-    if {ALL, *TOTALS} & set(options.free):
+        return _by_inverse(experiments, drive, options, roles)
+    if {ALL, *TOTALS} & set(options.free) or has_sides(drive, roles, options):
         drive = with_frictions(drive, roles, options)
     asked, options = options, expanded(options, drive, experiments)
     gaps = [f"{s}.half_gap" for s in drive.shafts]
@@ -99,11 +94,9 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     estimate = compose("backlash", drive, outcome, explanation.findings if explanation else (),
                        {"contact": _counts(outcome, drive, gaps), **(details_of(laws) if laws else {})},
                        known=options.known, explanation=explanation)
-    if laws is not None:
-        estimate = replace(estimate, findings=(law_told(laws, drive.shafts[0]), *estimate.findings))
-    estimate = as_in_file(estimate, outcome, options.known, free)
+    estimate = as_in_file(estimate, outcome, options, free, explanation)
     estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
-                                           *estimate.findings))
+                                           *laws_told(laws, outcome, free), *estimate.findings))
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():
@@ -113,6 +106,16 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         estimate = replace(estimate, explanation=fit.alone)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
+
+
+def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:
+    """The fit of the torque that the motion asks for."""
+    from drivetool.identify.inverse_dynamics.greybox import greybox_by_inverse
+
+    drive = apart(drive)
+    free = chosen(drive, [f"{s}.half_gap" for s in drive.shafts], expanded(options, drive, experiments))
+    free = shared_by_some(free, drive, experiments)
+    return replace(greybox_by_inverse(experiments, drive, free, roles, options), step="backlash")
 
 
 def _with_linear(task: Task, gaps: Sequence[str], options: Options, asked: Options,

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import TOTALS, Drive
 from drivetool.identify.compose import compose
 from drivetool.identify.engine import Task, by_innovations, by_simulation, coloured, segment_of
 from drivetool.identify.estimate import Estimate
+from drivetool.identify.greybox import ALL
 from drivetool.identify.options import Options
 from drivetool.identify.setup import Roles, roles_of
 from drivetool.identify.sums import apart
@@ -25,7 +26,7 @@ REPLACED = ("innovations-correlated", "torque-command-assumed", "torque-is-measu
 
 
 def both_outputs(experiments: Sequence[Experiment], drive: Drive) -> Roles | None:
-    """The roles of a fit to speed and shaft torque; None: there is no shaft torque of two bodies, or a gear."""
+    """The roles of a fit to speed and shaft torque; None: not two bodies, or no sensor of both."""
     roles = roles_of(experiments, drive)
     torques = [r for r in roles.outputs if r.endswith("_torque")]
     if len(drive.bodies) != 2 or not torques:
@@ -48,17 +49,21 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
         return estimate
     shut = {f"{s}.half_gap": 0.0 for s in drive.shafts}
     begun = apart(replace(estimate.drive, values=estimate.drive.values | shut))
-    known = any(n in drive.values or n in options.hold for n in ("total.viscous", *_of(drive, "viscous")))
-    names = {*(n for n in begun.quantities if n.rpartition(".")[2] in ("inertia", "stiffness", "damping")
-               and n.partition(".")[0] in (*begun.bodies, *begun.shafts)), *_of(begun, "idle_torque")}
+    frictions = ("total.viscous", *_of(drive, "viscous"))
+    given = any(n in drive.values or n in options.hold for n in frictions)
+    known = given and not {ALL, *frictions} & set(options.free)
+    names = {n for n in begun.quantities if n.rpartition(".")[2] in ("inertia", "stiffness", "damping")
+             and n.partition(".")[0] in (*begun.bodies, *begun.shafts)}
     names |= set() if known else set(_of(begun, "viscous"))
+    names |= set() if "total.idle_torque" in options.hold else set(_of(begun, "idle_torque"))
     free = tuple(n for n in begun.quantities if n in names and n not in options.hold)
     task = Task(begun, free, roles, tuple(experiments))
     if options.criterion == "simulation":
         outcome = by_simulation(task, segment_of(options), [{}], near=True)
     else:
         outcome = coloured(by_innovations(task, [{}]))
-    found = compose("blackbox", apart(drive), outcome, known=options.known)
+    before = replace(drive, values={n: v for n, v in drive.values.items() if n not in TOTALS})
+    found = compose("blackbox", before, outcome, known=options.known)
     gaps = {n: drive.values[n] for n in shut if n in drive.values}
     values = {n: v for n, v in outcome.drive.values.items() if n not in shut} | gaps
     lines = tuple(replace(p, value=gaps.get(p.name, p.value), start=gaps.get(p.name, p.start))

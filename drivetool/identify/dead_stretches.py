@@ -55,18 +55,20 @@ def crossings(task: Task) -> list[Crossings]:
     traces = task.traces()
     at = [roles.outputs.index(r) for r in (speeds[0], torque[0])]
     noise = sensor_stds(traces)[at[1]]
-    signals = [(*(_filled(t.outputs[:, m]) for m in at), t.step) for t in traces]
+    loads = [i for i, role in enumerate(roles.inputs) if role == "load_torque"]
+    signals = [(_filled(t.outputs[:, at[0]]), _filled(t.outputs[:, at[1]]), t.inputs[:, loads].sum(axis=1), t.step)
+               for t in traces]
     found = [_by_bar(drive, signals, loud, NOISY * noise) for loud in LOUD]
     return sorted((c for c in found if c.count >= FEW and c.half_gap > 0.0), key=lambda c: c.spread / c.half_gap)
 
 
-def _by_bar(drive: Drive, signals: Sequence[tuple[np.ndarray, np.ndarray, float]], loud: float,
+def _by_bar(drive: Drive, signals: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray, float]], loud: float,
             least: float) -> Crossings:
     """What the stretches below a share of the largest torque tell."""
     inside, touching, ends = Regression(), Regression(), []
-    for w, s, step in signals:
+    for w, s, against, step in signals:
         bar = max(loud * float(np.quantile(np.abs(s), 0.99)), least)
-        rate = _twist_rate(drive, w, s, bar, step)
+        rate = _twist_rate(drive, w, s, against, bar, step)
         for a, b in _dead(s, bar):
             edge = round(INNER * (b - a))
             inside.add(s[a + edge:b - edge], rate[a + edge:b - edge])
@@ -111,12 +113,13 @@ def _filled(values: np.ndarray) -> np.ndarray:
     return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
 
 
-def _twist_rate(drive: Drive, speed: np.ndarray, torque: np.ndarray, bar: float, step: float) -> np.ndarray:
-    """(n,) speed of the twist: the motor's less the load's, which the shaft torque drives."""
+def _twist_rate(drive: Drive, speed: np.ndarray, torque: np.ndarray, against: np.ndarray, bar: float,
+                step: float) -> np.ndarray:
+    """(n,) speed of the twist: the motor's less the load's, which the shaft torque drives against a load torque."""
     load = drive.bodies[1]
-    inertia, viscous = drive.inertias()[1], drive.value(f"{load}.viscous") or 0.0
-    idle = (drive.value(f"{load}.idle_torque") or 0.0) + np.sign(speed) * (drive.value(f"{load}.coulomb") or 0.0)
-    net = (torque - viscous * speed - idle) / inertia
+    inertia, viscous = drive.inertias()[1], drive.told(f"{load}.viscous") or 0.0
+    idle = (drive.told(f"{load}.idle_torque") or 0.0) + np.sign(speed) * (drive.told(f"{load}.coulomb") or 0.0)
+    net = (torque - viscous * speed - idle - against) / inertia
     found = speed - np.concatenate([[speed[0]], speed[0] + step * np.cumsum(0.5 * (net[1:] + net[:-1]))])
     at, off = [], []
     for a, b in _contacts(torque, bar):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +15,12 @@ from drivetool.identify.results import Z95
 
 SHAPE = (".inertia", ".carried_mass", ".stiffness")
 STEP = 1e-3  # of a standard deviation, by which a parameter is moved
+ROUNDING = 1e-9  # relative, below which a standard deviation is none
 COUNTS = 1e-2  # of a figure, that an unknown parameter must move it by when it changes by itself
 
 
-def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None) -> tuple[Parameter, ...]:
+def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | None,
+            exact: Collection[str] = ()) -> tuple[Parameter, ...]:
     """One line per figure, with the interval that follows from the covariance of the parameters.
 
     Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping
@@ -27,6 +29,7 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
 
     drive    with its values
     lines    what was told of its parameters; covariance: of those that have intervals
+    exact    names that were asked to be held: they count as known
     returns  none for a drive without a shaft, or without all of its values
     source   Tallfors 2005, sec. 2.1
     """
@@ -41,18 +44,21 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
     if covariance is not None and not any(n.endswith(SHAPE) for n in covariance.names):
         covariance = None
     known = () if covariance is None else covariance.names
-    unknown = [p.name for p in lines if p.std is None and p.status != "held" and AT not in p.name
-               and p.name in drive.values]
+    unknown = [p for p in lines if p.std is None and not (p.status == "held" and p.name in exact)
+               and AT not in p.name and p.name in drive.values]
     stds = {} if covariance is None else dict(zip(known, np.sqrt(np.diag(covariance.matrix)), strict=True))
-    slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known])
+    try:
+        slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known])
+        blind = _moved(drive, unknown, figures)
+    except (DriveToolError, np.linalg.LinAlgError):
+        return ()
     slopes = slopes.reshape(len(known), len(figures))
-    blind = _moved(drive, unknown, figures)
     found = []
     for k, (name, (value, unit)) in enumerate(figures.items()):
         variance = 0.0 if covariance is None else float(slopes[:, k] @ covariance.matrix @ slopes[:, k])
-        if blind[k] or not 0.0 < variance < np.inf:
-            reason = (f"it depends on {', '.join(blind[k])}" if blind[k]
-                      else "no inertia and no stiffness was fitted in this step")
+        if blind[k] or not ROUNDING * abs(value) < np.sqrt(max(variance, 0.0)) < np.inf:
+            reason = (f"it depends on {', '.join(blind[k])}, without an interval here" if blind[k]
+                      else "none of what it depends on was fitted in this step")
             found.append(Parameter(name, value, unit, status="held", reason=reason))
             continue
         std = float(np.sqrt(variance))
@@ -90,15 +96,16 @@ def _slopes(drive: Drive, name: str, step: float, figures: dict[str, tuple[float
             for n in figures]
 
 
-def _moved(drive: Drive, unknown: Sequence[str], figures: dict[str, tuple[float, str]]) -> list[list[str]]:
-    """Of each figure, the unknown parameters that move it when they change by a tenth of themselves."""
+def _moved(drive: Drive, unknown: Sequence[Parameter], figures: dict[str, tuple[float, str]]) -> list[list[str]]:
+    """Of each figure, the unknown parameters that move it when they change by a tenth, or by what they may be."""
     found: list[list[str]] = [[] for _ in figures]
-    for name in unknown:
-        step = 0.1 * abs(drive.values[name])
-        for k, slope in enumerate(_slopes(drive, name, step, figures) if step else ()):
+    for p in unknown:
+        step = 0.1 * max(abs(drive.values[p.name]), p.ci95[1] - p.ci95[0] if p.ci95 is not None else 0.0)
+        low, high = drive.quantity(p.name).bounds
+        for k, slope in enumerate(_slopes(drive, p.name, step, figures) if low < step < high else ()):
             value = list(figures.values())[k][0]
             if not abs(slope * step) < 0.1 * COUNTS * abs(value):
-                found[k].append(name)
+                found[k].append(p.name)
     return found
 
 

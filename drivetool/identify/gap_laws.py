@@ -13,7 +13,7 @@ from typing import get_args
 
 import numpy as np
 
-from drivetool.drive.chain import DampingLaw
+from drivetool.drive.chain import AT, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
 from drivetool.identify.dead_stretches import Crossings, crossings
 from drivetool.identify.engine import Outcome, Task
@@ -40,28 +40,30 @@ class BothLaws:
 
     @property
     def lead(self) -> float:
-        """Log likelihood of the better law over the other; infinite where only one has a fit."""
-        values = sorted(map(_value, self.each.values()))
-        return values[1] - values[0] if len(values) > 1 else float("inf")
+        """Log likelihood of the outcome's law over the other, below zero if it is behind; infinite without one."""
+        others = [_value(o) for law, o in self.each.items() if law != self.outcome.drive.damping_law]
+        return others[0] - _value(self.outcome) if others else float("inf")
 
 
 def both_laws(task: Task, options: Options) -> BothLaws | None:
     """The fits of both laws from what the dead stretches tell; None: they tell nothing, or no fit settled.
 
-    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts. So
-    are values that came with an uncertainty: over many passages one per cent of them leads astray.
+    The shaft damping is freed with the gap, unless it was asked to be held: with the gap closed another one acts.
+    So are values that came with an uncertainty: over many passages one per cent of them leads astray.
 
     task  with one half gap free
     """
     if len(task.drive.shafts) != 1 or options.criterion not in ("auto", "innovations"):
         return None
     shaft = task.drive.shafts[0]
+    if f"{shaft}.half_gap" not in task.free or any(AT in n for n in (*task.free, *task.drive.values)):
+        return None
     seen = crossings(task)
     if not seen:
         return None
     names = {f"{shaft}.half_gap", f"{shaft}.damping"} - set(options.hold)
     loose = [] if options.known is None else [
-        n for n in options.known.names if n in task.drive.values and n not in options.hold]
+        n for n in options.known.names if n in task.drive.values and n not in options.hold and not is_constant(n)]
     each: dict[str, Outcome] = {}
     for law in get_args(DampingLaw):
         starts = [start for one in seen for start in _starts(task, shaft, law, one, names)]
@@ -70,10 +72,10 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     settled = [o for o in each.values() if o.converged]
     if not settled:
         return None
-    best = min(each.values(), key=_value)
+    best = min(settled, key=_value)
     own = each.get(task.drive.damping_law)
     both = BothLaws(best, each, seen[0])
-    # Where the record does not tell, the law of the file stays.
+    # Where the record does not tell, the law of the file stays, if its fit settled.
     return replace(both, outcome=own) if own is not None and own.converged and both.lead <= TOLD else both
 
 
@@ -138,22 +140,41 @@ def _value(outcome: Outcome) -> float:
 def law_told(both: BothLaws, shaft: str) -> Finding:
     """Which law the record is of, with both results."""
     evidence: dict[str, float] = {}
+    drive = both.outcome.drive
+    units = [drive.unit(f"{shaft}.{n}") for n in ("half_gap", "damping")]
     for law, o in both.each.items():
         evidence |= {f"half_gap_{law}": o.drive.values[f"{shaft}.half_gap"],
                      f"damping_{law}": o.drive.value(f"{shaft}.damping") or 0.0}
-    law = both.outcome.drive.damping_law
-    sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} rad, damping "
-                      f"{evidence[f'damping_{name}']:.3g}" for name in both.each)
+    law = drive.damping_law
+    sizes = ", ".join(f"{name}: half gap {evidence[f'half_gap_{name}']:.4g} {units[0]}, damping "
+                      f"{evidence[f'damping_{name}']:.3g} {units[1]}{'' if o.converged else ', not settled'}"
+                      for name, o in both.each.items())
+    if both.lead == float("inf"):
+        return Finding(
+            "note", "gap-law-undetermined",
+            f"Only the law by which {WORDS[law]} could be fitted to this record ({sizes}).", evidence,
+            "Record more passages through the gap.")
     if both.lead <= TOLD:
         return Finding(
             "note", "gap-law-undetermined",
             f"Whether {WORDS['inside']} or {WORDS['always']} this record does not tell ({sizes}).",
             {**evidence, "log_likelihood_lead": both.lead},
             "Record more passages through the gap, slow ones too: there damping in the gap takes the most.")
-    lead = {"log_likelihood_lead": both.lead} if both.lead < float("inf") else {}
     return Finding(
         "note", "gap-law", f"By this record {WORDS[law]} (damping_law: {law}): log likelihood {both.lead:.0f} "
-        f"above the other law ({sizes}).", {**evidence, **lead}, "Keep damping_law in the parameter file.")
+        f"above the other law ({sizes}).", {**evidence, "log_likelihood_lead": both.lead},
+        "Keep damping_law in the parameter file.")
+
+
+def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str]) -> list[Finding]:
+    """Which law it is, and what was fitted besides what was asked for."""
+    more = [n for n in outcome.task.free if n not in free]
+    if both is None:
+        return []
+    return [law_told(both, outcome.drive.shafts[0]), *([] if not more else [Finding(
+        "note", "fitted-again",
+        f"{', '.join(more)} were fitted together with the half gap: over many passages held values a per cent off "
+        "would lead to a wrong one.", {"values": len(more)}, "Hold what is known for sure with --hold.")])]
 
 
 def details_of(both: BothLaws) -> dict[str, object]:

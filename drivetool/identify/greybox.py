@@ -90,7 +90,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     findings = [*left, *doubted_channels(task, found, settled), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
     estimate = compose("greybox", drive, outcome, findings, {}, figures, options.known, explanation)
-    estimate = as_in_file(estimate, outcome, options.known, free)
+    estimate = as_in_file(estimate, outcome, options, free, explanation)
     if chosen_fit.alone:
         estimate = replace(estimate, explanation=chosen_fit.alone)
     estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))

@@ -11,11 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import TOTALS, Drive
+from drivetool.drive.chain import AT, TOTALS, Drive, shared
 from drivetool.errors import Finding
 from drivetool.identify.compose import moved_with
 from drivetool.identify.engine import Outcome, again
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.explanations.explanation import Explanation
 from drivetool.identify.options import Options
 from drivetool.identify.parts import SHARE, size_of_idle
 from drivetool.identify.results import Z95, covariance_of
@@ -25,8 +26,8 @@ from drivetool.identify.sums import apart, split_totals, with_totals
 
 def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:
     """Whether each body has a side of a measured shaft to itself, and no sum was asked for."""
-    return len(drive.bodies) == 2 and any(r.endswith("_torque") for r in roles.outputs) and not (
-        set(TOTALS) & {*options.free, *options.hold})
+    named = {shared(n) for n in (*options.free, *options.hold, *(n for n in drive.values if AT in n))}
+    return len(drive.bodies) == 2 and any(r.endswith("_torque") for r in roles.outputs) and not set(TOTALS) & named
 
 
 def with_frictions(drive: Drive, roles: Roles, options: Options) -> Drive:
@@ -47,7 +48,9 @@ def friction_told(outcome: Outcome, before: Drive, options: Options, asked: Opti
     if not has_sides(before, outcome.task.roles, asked):
         return split_totals(outcome, asked)
     for suffix in TOTALS.values() if options.known is not None and outcome.fit is not None else ():
-        names = (_untold(outcome, before, suffix) & set(options.known.names)) - set(asked.free)
+        better = dict(zip(options.known.names, np.sqrt(np.diag(options.known.matrix)), strict=True))
+        names = {n for n, std in _untold(outcome, before, suffix).items() if better.get(n, np.inf) < std}
+        names -= set(asked.free)
         if names:
             task = outcome.task.at_point(outcome.solution.point).at({n: before.values[n] for n in sorted(names)})
             task = replace(task, free=tuple(n for n in task.free if n not in names))
@@ -55,11 +58,11 @@ def friction_told(outcome: Outcome, before: Drive, options: Options, asked: Opti
     return outcome
 
 
-def _untold(outcome: Outcome, before: Drive, suffix: str) -> set[str]:
-    """The free parts of a sum whose standard deviation by this record is above a third of what they are."""
+def _untold(outcome: Outcome, before: Drive, suffix: str) -> dict[str, float]:
+    """The free parts of a sum whose std by this record is above a third of what they are, and that std."""
     task = outcome.task
     covariance, inflation, _ = covariance_of(outcome.problem, outcome.solution)
-    found = set()
+    found = {}
     for j, name in enumerate(outcome.problem.names):
         if not name.endswith(f".{suffix}"):
             continue
@@ -67,27 +70,35 @@ def _untold(outcome: Outcome, before: Drive, suffix: str) -> set[str]:
         if suffix == "idle_torque":
             size = max(size, size_of_idle(task))
         std = np.sqrt(covariance[j, j])
-        if not (np.isfinite(std) and np.isfinite(inflation[j]) and std < SHARE * size):
-            found.add(name)
+        if not (np.isfinite(std) and np.isfinite(inflation[j])):
+            found[name] = np.inf
+        elif std >= SHARE * size:
+            found[name] = float(std)
     return found
 
 
-def as_in_file(estimate: Estimate, outcome: Outcome, known: Covariance | None, free: Sequence[str]) -> Estimate:
+def as_in_file(estimate: Estimate, outcome: Outcome, options: Options, free: Sequence[str],
+               explanation: Explanation | None) -> Estimate:
     """The estimate with what the file told of friction that was to be fitted: its intervals, what goes with them.
 
     free  what was to be fitted; of it `friction_told` held what the record does not tell
+    explanation  of which the outcome is the fit
     """
-    names = {n for n in free if n not in outcome.task.free and n.endswith(tuple(TOTALS.values()))}
-    sided = has_sides(outcome.drive, outcome.task.roles, Options())
-    found = moved_with(outcome, known) if names and sided else None
+    found = moved_with(outcome, options.known) if has_sides(outcome.drive, outcome.task.roles, options) else None
     if found is None:
         return estimate
     moved, held = found
+    names = {n for n in free if n not in outcome.task.free and n.endswith(tuple(TOTALS.values()))} & set(held.names)
+    if not names:
+        return estimate
+    order = outcome.task.free
+    if explanation is not None:
+        moved, order = explanation.line @ moved, explanation.own.free
     stds = dict(zip(held.names, np.sqrt(np.diag(held.matrix)), strict=True))
     lines = tuple(_with_std(p, float(stds[p.name])) if p.name in names else p for p in estimate.parameters)
     covariance, told = estimate.covariance, [n for n in held.names if n in names]
     if covariance is not None:
-        rows = [outcome.task.free.index(n) for n in covariance.names]
+        rows = [order.index(n) for n in covariance.names]
         columns = [held.names.index(n) for n in told]
         cross = (moved @ held.matrix)[np.ix_(rows, columns)]
         covariance = Covariance((*covariance.names, *told), np.block([

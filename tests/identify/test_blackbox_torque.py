@@ -51,3 +51,13 @@ def test_where_nothing_moves_the_shaft_the_answer_is_still_that():
     codes = {f.code: f.severity for f in blackbox([opened(record, "slow")], two_mass(), Options()).findings}
     assert codes.get("shaft-not-excited") == "failure" or codes.get("impossible-conversion") == "failure"
 
+
+
+@pytest.mark.parametrize(("drive", "words", "status"), [
+    ({"total.viscous": 0.13}, {}, ("held", "fitted")),
+    ({"motor.viscous": 0.5, "load.viscous": 0.5}, {"free": ("total.viscous",)}, ("fitted", "fitted")),
+    ({"total.idle_torque": 10.0, "total.viscous": 0.13}, {"hold": ("total.idle_torque",)}, ("held", "held"))])
+def test_sums_that_are_known_freed_or_held(drive, words, status):
+    record = opened(steps_record(TABLE, 480_105, duration=2.0), "steps")
+    lines = lines_of(blackbox([record], two_mass().with_values(drive), Options(**words)))
+    assert (lines["motor.viscous"].status, lines["motor.idle_torque"].status) == status

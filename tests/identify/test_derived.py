@@ -41,7 +41,7 @@ def test_intervals_follow_from_the_joint_covariance():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(3, 3)) * 1e-3 * np.array([[jm], [jl], [ks]])
     covariance = Covariance(names, root @ root.T)
-    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names, 1.0)), covariance)}
+    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names, 1.0)), covariance, NAMES)}
     w = np.sqrt(ks * (1 / jm + 1 / jl))
     slopes = {"resonance": np.array([-ks / jm**2, -ks / jl**2, 1 / jm + 1 / jl]) / (4.0 * np.pi * w),
               "anti_resonance": np.array([0.0, -ks / jl**2, 1 / jl]) / (4.0 * np.pi * np.sqrt(ks / jl)),
@@ -51,7 +51,7 @@ def test_intervals_follow_from_the_joint_covariance():
         assert found[name].std == pytest.approx(std, rel=1e-4), name
         assert found[name].ci95[1] - found[name].value == pytest.approx(1.96 * std, rel=1e-3)
     certain = Covariance(names[:2], 1e-4 * np.array([[1.0, -1.0], [-1.0, 1.0 + 1e-9]]))
-    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names[:2], 0.01)), certain)}
+    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names[:2], 0.01)), certain, NAMES)}
     assert found["total_inertia_at_motor"].std < 1e-5 < found["resonance"].std
 
 
@@ -60,13 +60,24 @@ def test_what_is_not_told_leaves_no_interval_where_it_counts():
     lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.inertia" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
     covariance = Covariance(("motor.inertia", "shaft.stiffness"), np.diag([1e-4, 1.0]))
-    for p in derived(drive, lines, covariance):
+    for p in derived(drive, lines, covariance, NAMES):
         assert p.std is None and "load.inertia" in p.reason
     # The load's viscous friction damps, and turns no frequency.
     lines = [Parameter(p.name, p.value, p.unit, status="not-identifiable") if p.name == "load.viscous" else p
              for p in lines_of(drive, **{"motor.inertia": 0.01, "shaft.stiffness": 1.0})]
-    found = {p.name: p for p in derived(drive, lines, covariance)}
+    found = {p.name: p for p in derived(drive, lines, covariance, NAMES)}
     assert found["resonance"].std is not None and found["resonance_damping_ratio"].std is None
+
+
+def test_a_value_that_nobody_asked_to_be_held_and_has_no_interval_leaves_none():
+    """The shaft's damping is held at a guess: so is its damping ratio, and no resonance."""
+    drive = drive_of(TABLE["light grey"])
+    names = NAMES[:3]
+    covariance = Covariance(names, np.diag([1e-6, 1e-8, 1.0]))
+    found = {p.name: p for p in derived(drive, lines_of(drive, **dict.fromkeys(names, 0.01)), covariance)}
+    assert found["resonance"].std is not None and found["total_inertia_at_motor"].std is not None
+    assert found["resonance_damping_ratio"].std is None
+    assert "shaft.damping" in found["resonance_damping_ratio"].reason
 
 
 def test_friction_alone_has_no_resonance_with_an_interval():

@@ -82,6 +82,18 @@ def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
     assert f"{found.evidence['half_gap_inside']:.4g} rad" in found.text
 
 
+def test_a_half_gap_that_is_held_is_not_looked_for():
+    task = task_of(rig("heavy", "always", 0.863))
+    assert both_laws(replace(task, free=("shaft.damping",)), Options(hold=("shaft.half_gap",))) is None
+    assert both_laws(replace(task, free=("shaft.half_gap", "shaft.half_gap@gap")), Options()) is None
+
+
+def test_a_law_whose_rival_has_no_fit_is_not_named():
+    both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
+    found = law_told(replace(both, each={"always": both.outcome}), "shaft")
+    assert found.code == "gap-law-undetermined" and "Only the law" in found.text and "inf" not in found.text
+
+
 @pytest.mark.slow
 def test_where_the_damping_is_held_it_stays():
     task = task_of(rig("heavy", "always", 0.863))
