@@ -52,7 +52,7 @@ def inverted(matrix: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     least  share of the largest eigenvalue below which a direction is null
     """
     values, vectors = np.linalg.eigh(matrix)
-    good = values > least * max(values.max(), 1e-300)
+    good = values > least * values.max(initial=1e-300)
     inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
     return inverse, np.sum(vectors[:, ~good] ** 2, axis=1) > 1e-3
 

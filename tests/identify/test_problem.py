@@ -8,6 +8,7 @@ import pytest
 from drivetool.drive.chain import one_body
 from drivetool.identify.least_squares import solve
 from drivetool.identify.problem import Point
+from drivetool.identify.results import inverted
 from drivetool.identify.setup import roles_of
 from drivetool.identify.task import Task
 from tests.recover import experiment
@@ -80,3 +81,8 @@ def test_without_a_torque_of_its_own_the_inertia_takes_it_up():
     problem = problem_of(coast(2.5, 1.0), coast(1.2, -3.0))
     found = solve(problem, Point(np.array([0.45]), (np.array([0.5]), np.array([-1.0])))).point
     assert abs(found.values[0] / INERTIA - 1.0) > 0.05
+
+
+def test_no_direction_at_all_has_no_inverse_and_no_error():
+    inverse, lost = inverted(np.zeros((0, 0)), 1e-10)
+    assert inverse.shape == (0, 0) and lost.shape == (0,)
