@@ -16,23 +16,13 @@ from drivetool.identify.engine import Task, by_innovations, by_simulation, colou
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import ALL
 from drivetool.identify.options import Options
-from drivetool.identify.setup import Roles, roles_of
+from drivetool.identify.setup import Roles
 from drivetool.identify.sums import apart
 from drivetool.logs.experiment import Experiment
 
 # Findings of the fit to the speed alone that the fit to both says anew.
 REPLACED = ("innovations-correlated", "torque-command-assumed", "torque-is-measured", "not-identifiable",
             "damping-not-told", "simulation-criterion")
-
-
-def both_outputs(experiments: Sequence[Experiment], drive: Drive) -> Roles | None:
-    """The roles of a fit to speed and shaft torque; None: not two bodies, or no sensor of both."""
-    roles = roles_of(experiments, drive)
-    torques = [r for r in roles.outputs if r.endswith("_torque")]
-    if len(drive.bodies) != 2 or not torques:
-        return None
-    at_motor = [r for r in roles.outputs if r in ("motor_speed", "motor_angle")]
-    return Roles(roles.inputs, (at_motor[0], torques[0])) if at_motor else None
 
 
 def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], drive: Drive, roles: Roles,
@@ -42,7 +32,7 @@ def with_shaft_torque(estimate: Estimate, experiments: Sequence[Experiment], dri
     estimate     by the speed alone, whose coefficients, poles and response it keeps
     experiments  as they were fitted
     drive        before the step; the viscous friction that it knows is kept, the idle torque is of each record
-    roles        of `both_outputs`
+    roles        of `setup.both_outputs`
     """
     failed = any(f.severity == "failure" for f in estimate.findings)
     if failed or estimate.drive.missing():

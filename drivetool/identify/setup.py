@@ -59,6 +59,16 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
     return Roles(inputs, tuple(outputs))
 
 
+def both_outputs(experiments: Sequence[Experiment], drive: Drive) -> Roles | None:
+    """The roles of a fit to speed and shaft torque; None: not two bodies, or no sensor of both."""
+    roles = roles_of(experiments, drive)
+    torques = [r for r in roles.outputs if r.endswith("_torque")]
+    if len(drive.bodies) != 2 or not torques:
+        return None
+    at_motor = [r for r in roles.outputs if r in ("motor_speed", "motor_angle")]
+    return Roles(roles.inputs, (at_motor[0], torques[0])) if at_motor else None
+
+
 def sensors_of(drive: Drive) -> list[tuple[str, ...]]:
     """The roles that can measure each body and then each shaft of a drive, of which one is taken, the first best.
 

@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
-from drivetool.identify.blackbox_torque import both_outputs
-from drivetool.identify.setup import roles_of, sensors_of
+from drivetool.identify.setup import both_outputs, roles_of, sensors_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, ROLES, role_of
 
