@@ -20,7 +20,6 @@ from drivetool.identify.contact import Contact, contact
 from drivetool.identify.engine import Outcome, Task, again, fit_task, frozen, looks_coloured
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from drivetool.identify.explanations.explanation import explained
-from drivetool.identify.gap_laws import both_laws, details_of, laws_told
 from drivetool.identify.greybox import ALL, chosen, expanded
 from drivetool.identify.light import fit_light, judged, loosened
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
@@ -32,7 +31,8 @@ from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import Roles, first_states, led_in, roles_of
-from drivetool.identify.sides import as_in_file, friction_told, has_sides, with_frictions
+from drivetool.identify.shaft_torque.gap_laws import both_laws, details_of, laws_told
+from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, has_sides, with_frictions
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals
 from drivetool.identify.torque_constant import only_in_greybox

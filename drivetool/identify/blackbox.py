@@ -17,7 +17,6 @@ from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.blackbox_result import Physical, estimate_of, fixed
 from drivetool.identify.blackbox_start import Regression, mean_speed, starts
-from drivetool.identify.blackbox_torque import with_shaft_torque
 from drivetool.identify.engine import Outcome, Task, coloured
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import ALL
@@ -27,6 +26,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.rates import at_rates
 from drivetool.identify.setup import Roles, both_outputs, roles_of, traces_of
+from drivetool.identify.shaft_torque.blackbox import with_shaft_torque
 from drivetool.identify.torque_timing import torque_timing
 from drivetool.identify.transfer import ONE_BODY, VISCOUS, Form, form_of
 from drivetool.logs.experiment import Experiment

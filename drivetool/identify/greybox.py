@@ -38,8 +38,8 @@ from drivetool.identify.outliers import without_outliers
 from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.setup import Roles, led_in, reverses, roles_of
+from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.shown import told_by, worth_of_shafts
-from drivetool.identify.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart
 from drivetool.identify.task import has_gap

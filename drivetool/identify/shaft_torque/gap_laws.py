@@ -15,13 +15,13 @@ import numpy as np
 
 from drivetool.drive.chain import AT, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.dead_stretches import Crossings, crossings
 from drivetool.identify.engine import Outcome, Task
 from drivetool.identify.innovations import fit_innovations, settle, until_settled
 from drivetool.identify.noise import Noise, fit_ratio
 from drivetool.identify.options import Options
 from drivetool.identify.search import apart
 from drivetool.identify.setup import first_point
+from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
 
 TOLD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
 SHARES = (0.6, 1.0, 1.6)  # of the contact's damping at which a fit begins: the dead stretches tell it to a third
