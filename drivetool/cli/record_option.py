@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from typer.core import TyperCommand
 
 from drivetool.cli.inputs import Job, as_usage, start_of, start_value
-from drivetool.errors import BadOption
+from drivetool.errors import BadOption, nearest
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 OPTION = "--record"
 BETWEEN = "\0"  # no argument of a process can hold it
-FREE, START = "free", "start"
-DO = f"Write for example '{OPTION} FILE load.added_inertia=0.02', '{OPTION} FILE free=motor.coulomb' or " \
-     f"'{OPTION} FILE start=rest'."
+FREE, START, CLAMPED = "free", "start", "clamped"
+DO = f"Write for example '{OPTION} FILE load.added_inertia=0.02', '{OPTION} FILE free=motor.coulomb', " \
+     f"'{OPTION} FILE clamped=load' or '{OPTION} FILE start=rest'."
 
 
 class Command(TyperCommand):
@@ -81,6 +81,8 @@ def differing(job: Job, experiments: Sequence[Experiment], drive: Drive) -> Diff
             states.setdefault(e.number, []).append(rest)
         elif kind.strip() == FREE:
             found = _freed(found, label, rest, word)
+        elif kind.strip() == CLAMPED:
+            found = _clamped(found, label, rest.strip(), e)
         else:
             found = _stated(found, label, word)
         found = replace(found, words=(*found.words, (label, word)))
@@ -148,6 +150,18 @@ def _freed(found: Differing, label: str, names: str, word: str) -> Differing:
             drive = drive.with_values({own: value})
         found = replace(found, drive=drive, free=(*found.free, own))
     return found
+
+
+def _clamped(found: Differing, label: str, body: str, e: Experiment) -> Differing:
+    """A body that was held while the recording was made."""
+    from drivetool.drive.chain import AT
+    from drivetool.identify.recordings.clamped import check_clamped
+
+    if body not in found.drive.bodies:
+        raise BadOption(f"a body of the {found.drive.name} drive after {CLAMPED}=", f"'{body}'",
+                        nearest(body, found.drive.bodies))
+    check_clamped(e, found.drive, body)
+    return replace(found, drive=found.drive.with_values({f"{body}.clamped{AT}{label}": 1.0}))
 
 
 def _stated(found: Differing, label: str, word: str) -> Differing:

@@ -14,6 +14,8 @@ from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.results import Z95
 
 SHAPE = (".inertia", ".carried_mass", ".stiffness")
+# Read off the machine: what is fitted is said in their terms, so that a figure of the whole does not move with them.
+GEOMETRY = (".ratio", ".radius")
 STEP = 1e-3  # of a standard deviation, by which a parameter is moved
 ROUNDING = 1e-9  # relative, below which a standard deviation is none
 COUNTS = 1e-2  # of a figure, that an unknown parameter must move it by when it changes by itself
@@ -45,7 +47,7 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
         covariance = None
     known = () if covariance is None else covariance.names
     unknown = [p for p in lines if p.std is None and not (p.status == "held" and p.name in exact)
-               and AT not in p.name and p.name in drive.values]
+               and AT not in p.name and p.name in drive.values and not p.name.endswith(GEOMETRY)]
     stds = {} if covariance is None else dict(zip(known, np.sqrt(np.diag(covariance.matrix)), strict=True))
     try:
         slopes = np.array([_slopes(drive, n, STEP * stds[n], figures) for n in known])

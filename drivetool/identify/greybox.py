@@ -37,6 +37,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
+from drivetool.identify.recordings.clamped import always_clamped, with_first_values
 from drivetool.identify.setup import Roles, led_in, reverses, roles_of
 from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.shown import told_by, worth_of_shafts
@@ -66,6 +67,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     raises       BadParameters: a start value is missing; NotEnoughData: too short a record
     source       Tallfors 2005, sec. 5.5; Ljung 1999 for the innovations form
     """
+    drive = with_first_values(drive, experiments)
     drive.require(drive.missing(), "the start of a grey-box fit")
     experiments = [led_in(measured(e), drive, options.free) for e in at_rates("greybox", experiments, options)]
     roles = roles_of(experiments, drive)
@@ -130,14 +132,20 @@ def bends_behind(drive: Drive, free: Sequence[str]) -> bool:
 
 
 def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
-    """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses."""
+    """Inertias, shafts, friction sums, and Coulomb friction where the motion reverses.
+
+    Of a body that is clamped in every recording nothing shows. Beyond a clamp a shaft's damping has the viscous
+    friction in it, and its twist a constant torque.
+    """
     # A body that is known to carry a mass: that is what is asked for, its own inertia is the small part.
     names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
     for shaft in drive.shafts:
         names += [f"{shaft}.stiffness", f"{shaft}.damping"]
-    for total, suffix in TOTALS.items():
+    clamped = always_clamped(drive, experiments)
+    for total, suffix in () if clamped else TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         names += [total] if total in drive.values and len(parts) > 1 else parts
+    names = [n for n in names if n.partition(".")[0] not in clamped]
     coulomb = [f"{b}.coulomb" for b in drive.bodies if (drive.value(f"{b}.coulomb") or 0.0) > 0.0]
     if reverses(experiments):
         names += coulomb or [f"{drive.bodies[0]}.coulomb"]

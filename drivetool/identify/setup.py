@@ -170,6 +170,7 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         trial, names = _felt_in(replaced(drive, free, values), free, trace)
         return plant_of(trial, Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient))
 
+    traces = [_clamped(drive, trace) for trace in traces]
     quantities = [drive.quantity(n) for n in free]
     seen, sizes = any(role.endswith("angle") for role in roles.outputs), _sizes(roles, traces)
     plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
@@ -182,6 +183,13 @@ def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence
         by_record=load_step.only_in(drive.values) or differs(drive),
         anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
         states=tuple(plain.states), sensor_std=float(stds[0]), step=min(t.step for t in traces))
+
+
+def _clamped(drive: Drive, trace: Trace) -> Trace:
+    """The trace that knows the speed of what was clamped while it was recorded; else free, it would turn on."""
+    drive = as_recorded(drive, (), trace.record)[0]
+    still = {f"{b}.speed": 0.0 for b in drive.bodies if drive.value(f"{b}.clamped")}
+    return replace(trace, start={**trace.start, **still}) if still else trace
 
 
 def _sizes(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:

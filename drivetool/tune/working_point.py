@@ -21,7 +21,7 @@ from drivetool.drive.linearise import MOTOR
 from drivetool.errors import BadParameters
 
 # What each effect of the catalogue is to the loop, by its code; `check_known` refuses one that stands nowhere.
-LINEAR = frozenset({"inertia", "added-inertia", "carried-mass", "viscous", "shaft", "converter-lag",
+LINEAR = frozenset({"inertia", "added-inertia", "carried-mass", "clamp", "viscous", "shaft", "converter-lag",
                     "damping-in-gap", "dead-time", "friction-factor", "speed-filter"})
 TANGENT: Mapping[str, str] = MappingProxyType({  # code -> its law
     "stribeck": "stribeck", "asymmetric-friction": "asymmetry", "quadratic-drag": "drag",

@@ -37,6 +37,7 @@ SMOOTH = {
     "added-inertia": {"load.added_inertia": 2.0},
     "friction-factor": {"friction.factor": 1.4},
     "carried-mass": {"load.carried_mass": 8.0, "load.radius": 0.4},
+    "clamp": {"load.clamped": 1.0},
     "stribeck": {"load.stribeck": 3.0, "load.stribeck_speed": 0.2},
     "asymmetric-friction": {"load.viscous_asymmetry": 0.2},
     "quadratic-drag": {"load.drag": 0.5},

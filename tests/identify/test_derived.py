@@ -95,3 +95,10 @@ def test_a_longer_chain_has_each_mode_and_a_stiff_one_none():
                      for what in ("", "_damping_ratio")] + ["total_inertia_at_motor"]
     assert derived(one_body().with_values({"motor.inertia": 1.0}), [], None) == ()
     assert derived(two_mass().with_values({"motor.inertia": 1.0}), [], None) == ()
+
+
+def test_a_gear_that_was_read_off_is_no_unknown():
+    drive = drive_of(TABLE["light grey"]).with_values({"shaft.ratio": 8.79})
+    covariance = Covariance(NAMES[:3], np.diag([1e-4, 1e-6, 1.0]))
+    found = derived(drive, lines_of(drive, **dict.fromkeys(NAMES[:3], 1.0)), covariance, NAMES)
+    assert all(p.std is not None for p in found if "damping" not in p.name)

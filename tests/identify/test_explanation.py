@@ -66,7 +66,7 @@ def test_a_drive_that_cannot_be_regressed_has_fewer_candidates():
 def candidate(values, seed=1, std=0.01, covariance=0.01):
     influence = std / 4.0 * np.random.default_rng(seed).standard_normal((BLOCKS, 2))
     return Candidate(None, np.array(values), influence, covariance**2 * np.eye(2), None, np.empty(0),
-                     np.empty((BLOCKS, 0)), np.eye(2))
+                     np.empty((BLOCKS, 0)), np.eye(2), np.full(2, np.inf))
 
 
 def field(**off):
@@ -110,6 +110,16 @@ def test_an_incredible_explanation_is_not_heard(other):
     _, near, _ = spread(disagreeing, errors(**{other: 1.9}), "coloured, laws", FREE)
     _, far, _ = spread(disagreeing, errors(**{other: 2.1}), "coloured, laws", FREE)
     assert near[0] > 0.4 and far[0] == 0.0
+
+
+@pytest.mark.parametrize("blocks, heard", [(1.6, False), (2.9, False), (3.1, True), (5.9, True)])
+def test_what_a_witness_has_from_two_moments_alone_is_not_heard(blocks, heard):
+    """1.6 fails where the least number is halved, 5.9 where it is doubled."""
+    f = field(f=[0.5, 2.0])
+    rare = replace(f.candidates["free runs, laws"], blocks=np.array([blocks, np.inf]))
+    _, structure, _ = spread(replace(f, candidates={**f.candidates, "free runs, laws": rare}), errors(),
+                             "coloured, laws", FREE)
+    assert (structure[0] > 0.4) == heard
 
 
 def test_free_runs_do_not_say_what_is_credible():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivetool.identify.engine import by_innovations, by_simulation, coloured
-from drivetool.identify.explanations.influence import SLACK, influence_of, sandwich
+from drivetool.identify.explanations.influence import SLACK, Scores, influence_of, sandwich, scores_of
 from drivetool.identify.inverse_dynamics.linear import BLOCKS
 from drivetool.identify.results import covariance_of
 from tests.identify.test_foretold import drawn
@@ -63,3 +63,17 @@ def test_free_runs_have_shares_that_are_those_of_a_step_of_gauss_newton():
         (rows[:, :4] / size).T @ rows[:, :4] / size, (rows[block == b, :4] / size).T @ rows[block == b, 4]) / size
         for b in range(BLOCKS)])
     np.testing.assert_allclose(influence, expected, atol=1e-4 * np.abs(expected).max(axis=0).min(), rtol=1e-3)
+
+
+def test_the_effective_number_of_blocks_is_that_of_equal_ones():
+    """Of two parameters apart, one told alike by four blocks and one almost by one alone: 1 / sum of squares."""
+    each = np.zeros((BLOCKS, 2, 2))
+    each[:4, 0, 0] = 2.0
+    each[:3, 1, 1] = 8.0, 1.0, 1.0
+    found = Scores(each, np.zeros((BLOCKS, 2)), 1.0).blocks
+    np.testing.assert_allclose(found, [4.0, 1.0 / (0.64 + 0.01 + 0.01)])
+
+
+def test_a_drive_under_steps_is_told_by_most_blocks():
+    found = scores_of(by_innovations(drawn("white", "", 2, 52), [{}])).blocks
+    assert np.all((found > 4.0) & (found <= BLOCKS))

@@ -15,7 +15,7 @@ from drivetool.identify.engine import again, by_innovations, by_simulation, colo
 from drivetool.identify.explanations.across_gap import confirmed, from_free_runs, was_confirmed
 from drivetool.identify.explanations.fit_with_laws import likelier, near, with_found_laws
 from drivetool.identify.explanations.foretold import with_laws
-from drivetool.identify.explanations.influence import influence_of
+from drivetool.identify.explanations.influence import influence_of, scores_of
 from drivetool.identify.explanations.judge import SHARES, Judge, run_length
 from drivetool.identify.explanations.laws import Law, library, unfelt
 from drivetool.identify.explanations.log_noise import likely_noise
@@ -40,6 +40,7 @@ class Candidate:
     outcome     of the fit; None of a regression
     factors     (m,) of its laws; factor_influence: (BLOCKS, m) the blocks' shares of their error
     line        (k, k + m) from all fitted values to the drive's own
+    blocks      (k,) effective number of blocks that tell each value; endless where that is not asked
     """
 
     task: Task
@@ -50,6 +51,7 @@ class Candidate:
     factors: np.ndarray
     factor_influence: np.ndarray
     line: np.ndarray
+    blocks: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -197,13 +199,17 @@ def _of_free_runs(best: Outcome, seen: Motions, line: np.ndarray) -> Candidate:
                             own=len(fitted) < len(start.free))
     _, influence = influence_of(best)
     before = _candidate(best.task, best.solution.point.values, influence.copy(), None, best, line)
-    _, influence[:, [start.free.index(n) for n in fitted]] = influence_of(outcome)
+    places, blocks = [start.free.index(n) for n in fitted], np.full(len(start.free), np.inf)
+    if (scores := scores_of(outcome)) is None:
+        influence[:, places] = np.nan
+    else:
+        influence[:, places], blocks[places] = scores.influence, scores.blocks
     values = np.array([outcome.drive.values[n] for n in start.free])
     task = start.at(dict(zip(start.free, values, strict=True)))
     found = _candidate(task, values, influence, None, outcome, line)
     # What laws have of the idle torque, the runs cannot tell from their own.
     idle = np.array([n.endswith(".idle_torque") for n in start.free[:len(line)]])
-    return replace(found, own=np.where(idle, before.own, found.own),
+    return replace(found, own=np.where(idle, before.own, found.own), blocks=blocks[:len(line)],
                    influence=np.where(idle, before.influence, found.influence))
 
 
@@ -217,4 +223,4 @@ def _candidate(task: Task, values: np.ndarray, influence: np.ndarray, covariance
     k = len(line)
     to = line[:, :len(values)]  # without laws it is one to one
     return Candidate(task, to @ values, influence @ to.T, None if covariance is None else to @ covariance @ to.T,
-                     outcome, values[k:], influence[:, k:], to)
+                     outcome, values[k:], influence[:, k:], to, np.full(k, np.inf))

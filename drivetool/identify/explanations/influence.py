@@ -19,13 +19,18 @@ SLACK = float(student.ppf(0.975, BLOCKS - 1)) / Z95  # a variance of so few bloc
 class Scores:
     """What a fit's traces say of the free parameters at its point, start states eliminated.
 
-    matrix    (k, k) information; slopes: (BLOCKS, k) of half the cost, per block
+    each      (BLOCKS, k, k) information of each block; slopes: (BLOCKS, k) of half the cost, per block
     variance  of a weighted residual
     """
 
-    matrix: np.ndarray
+    each: np.ndarray
     slopes: np.ndarray
     variance: float
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(k, k) information of all blocks."""
+        return self.each.sum(axis=0)
 
     @property
     def inverse(self) -> np.ndarray:
@@ -34,6 +39,22 @@ class Scores:
         size[size <= 0.0] = 1.0
         inverse, _ = inverted(self.matrix / np.outer(size, size), 1e-13)
         return inverse / np.outer(size, size)
+
+    @property
+    def influence(self) -> np.ndarray:
+        """(BLOCKS, k) shares of the error of the free parameters."""
+        return -self.slopes @ self.inverse
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """(k,) in how many blocks that count alike lies as much of what tells each parameter as there is in one.
+
+        source  Carter, Schnepel and Steigerwald 2017: the effective number of clusters
+        """
+        inverse = self.inverse
+        told = np.einsum("ij,bjk,ki->bi", inverse, self.each, inverse)
+        whole = np.where(told.sum(axis=0) > 0.0, told.sum(axis=0), 1.0)
+        return 1.0 / np.maximum(np.sum((told / whole) ** 2, axis=0), 1.0 / len(told))
 
 
 def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
@@ -47,8 +68,7 @@ def influence_of(outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
     if found is None:
         k = len(outcome.problem.names)
         return np.full((k, k), np.nan), np.full((BLOCKS, k), np.nan)
-    inverse = found.inverse
-    return found.variance * inverse, -found.slopes @ inverse
+    return found.variance * found.inverse, found.influence
 
 
 def scores_of(outcome: Outcome) -> Scores | None:
@@ -59,7 +79,7 @@ def scores_of(outcome: Outcome) -> Scores | None:
         gains = [f.gains for f in filtered(problem, point, fit.noise)]
         problem, point = problem.with_memory(fit.noise.memory), with_state(point, fit.noise)
     k, count = len(problem.names), sum(t.size for t in problem.traces)
-    matrix, slopes, cost, done = np.zeros((k, k)), np.zeros((BLOCKS, k)), 0.0, 0
+    each, slopes, cost, done = np.zeros((BLOCKS, k, k)), np.zeros((BLOCKS, k)), 0.0, 0
     for i, (trace, plant) in enumerate(zip(problem.traces, problem.plants(point.values, True), strict=True)):
         s = plant.system
         own = s.nq + np.setdiff1d(problem.free_start, problem.known(i))
@@ -84,10 +104,11 @@ def scores_of(outcome: Outcome) -> Scores | None:
         # What the start states take up, by the whole trace.
         taken = np.linalg.lstsq(whole[np.ix_(own, own)] / np.outer(size, size), whole[own, :k] / size[:, None],
                                 rcond=1e-12)[0] / size[:, None]
-        matrix += whole[:k, :k] - whole[:k, own] @ taken
+        crossed = sums[:, :k, own] @ taken
+        each += sums[:, :k, :k] - crossed - crossed.swapaxes(1, 2) + taken.T @ sums[:, own[:, None], own] @ taken
         slopes += sums[:, :k, -1] - sums[:, own, -1] @ taken
         cost += whole[-1, -1]
-    return Scores(matrix, slopes, float(cost / max(problem.count - problem.unknowns, 1)))
+    return Scores(each, slopes, float(cost / max(problem.count - problem.unknowns, 1)))
 
 
 def sandwich(influence: np.ndarray) -> np.ndarray:

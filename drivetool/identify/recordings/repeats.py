@@ -104,11 +104,11 @@ def told_by_each(outcome: Outcome) -> list[Told]:
     joint, own = ([s for p in each if (s := scores_of(p)) is not None] for each in (parts, alone))
     if min(len(joint), len(own)) < len(parts):
         return []
-    whole = replace(joint[0], matrix=sum(s.matrix for s in joint)).inverse
+    whole = replace(joint[0], each=sum(s.each for s in joint)).inverse
     found = []
     for a, j, s in zip(alone, joint, own, strict=True):
         inverse = s.inverse
-        plain, by_blocks = s.variance * inverse, sandwich(-s.slopes @ inverse)
+        plain, by_blocks = s.variance * inverse, sandwich(s.influence)
         noise = sized(plain, np.sqrt(np.maximum(np.diag(plain), np.diag(by_blocks))))
         share, change = whole @ j.matrix, a.solution.point.values - outcome.solution.point.values
         found.append(Told(change, share, np.diag(noise), share @ noise @ share.T, tells(s.matrix, inverse)))
