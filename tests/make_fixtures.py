@@ -182,7 +182,9 @@ PAPERS = {
            for kind, seeds in (("prbs", (501, 502)), ("chirp", (503, 504)), ("sines", (505, 506)))
            for i, seed in enumerate(seeds, 1)},
         "held": lambda: (bus_held(507), BUS_STEP),
-        "acceleration": lambda: (bus_acceleration(508), BUS_STEP)},
+        "acceleration": lambda: (bus_acceleration(508), BUS_STEP),
+        "uphill": lambda: (bus_acceleration(509, 0.005), BUS_STEP),
+        "downhill": lambda: (bus_acceleration(510, -0.005), BUS_STEP)},
 }
 
 
@@ -214,6 +216,7 @@ def truth(machine: Machine, noise: Noise, torque_unit: str, motion_unit: str, se
     return "\n".join(lines)
 
 
+BOTH_FORMATS = ("held", "acceleration", "uphill", "downhill")
 TRUTHS = {
     "rig": (RIG, DRIVE_NOISE, "Nm", "rad", "motor_speed"),
     "reversing": (REVERSING, DRIVE_NOISE, "Nm", "rad", "motor_speed"),
@@ -243,6 +246,8 @@ def make(folder: Path) -> None:
         for name, record in records.items():
             values, step = record()
             write_parquet(folder / room / f"{name}.parquet", values, step)
+            if name in BOTH_FORMATS:
+                write_mcap(folder / room / f"{name}.mcap", values, step)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * step:g} s", file=sys.stderr)
 
 

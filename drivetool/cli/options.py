@@ -49,6 +49,13 @@ class WeightingName(StrEnum):
     coherence = "coherence"
 
 
+class MethodName(StrEnum):
+    """What of a recording tells the friction."""
+
+    speeds = "speeds"
+    acceleration = "acceleration"
+
+
 class StructureName(StrEnum):
     """Polynomial structures of the black box."""
 
@@ -97,6 +104,9 @@ Start = Annotated[list[str] | None, _option(
 Record = Annotated[list[str] | None, _option(
     "--record", metavar="FILE WORD", help="What differs in one of the recordings, named as on this command line: "
     "NAME=VALUE, known; free=NAME,NAME, fitted anew; start=rest, start=STATE=VALUE or start=free; repeatable.")]
+Method = Annotated[MethodName, _option(
+    "--method", help="speeds: friction from intervals of constant speed; acceleration: mass and friction from "
+    "intervals of constant torque, up and coasting.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]

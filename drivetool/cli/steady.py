@@ -1,8 +1,9 @@
 """drivetool steady."""
 
+from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
-HELP = "The friction line from constant speeds."
+HELP = "The friction line from constant speeds, or mass and friction from constant torques."
 EXAMPLE = "drivetool steady steady.parquet --out steady.yaml --plot pictures"
 
 
@@ -12,4 +13,4 @@ def _load():
     return steady
 
 
-command = estimator_command("steady", _load)
+command = estimator_command("steady", _load, {"method": (cli.Method, cli.MethodName.speeds)})

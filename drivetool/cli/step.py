@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Estimator = Callable[..., Estimate]
 
 
-OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band")
+OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method")
 
 
 def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),

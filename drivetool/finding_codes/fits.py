@@ -116,6 +116,26 @@ CODES = {
         "The shaft torque was measured, and this record does not tell a body's friction to a third of itself. The "
         "value of the parameter file stands, and its covariance is propagated.",
         "Record steps about speeds that differ more, or name the parameter with `--free`."),
+    "friction-is-bent": Code(
+        WARNING,
+        "Over intervals of constant torque the friction is fitted as a line over the speed. The recordings tell a "
+        "square besides, by more than four standard deviations: drag of the air, or another law that bends.",
+        "Fit it with `greybox --free motor.drag` on the same recordings."),
+    "rotating-parts-unknown": Code(
+        WARNING,
+        "Intervals of constant torque tell what the motor accelerates in all. The inertia of a part of it is not "
+        "known, so that the stated mass or inertia has that part in it, and no interval.",
+        "Give the inertia with `--set`, or fit a recording with the load clamped beside this one."),
+    "slope-of-the-road": Code(
+        NOTE,
+        "A constant force acts along the way. The recordings drive one road up and down and their constant torques "
+        "differ, or the drive turns both ways and has an idle torque. Over the weight that is the slope.",
+        "Where the road is level, look for wind, a load or the temperature."),
+    "constant-torque-along": Code(
+        NOTE,
+        "Recordings at constant torque differ in their constant friction by more than noise explains, or the drive "
+        "turns both ways and has an idle torque.",
+        "Look for what changed between the recordings: a load, a slope, the temperature."),
     "gap-law": Code(
         NOTE,
         "Both published laws of a gap were fitted, and one leads by more than 7 of log likelihood: the damping is "

@@ -1,4 +1,4 @@
-"""Figures that follow from the parameters of a drive with a shaft: resonances, their damping, the total inertia."""
+"""Figures that follow from the parameters: resonances, their damping, the total inertia; forces at a radius."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivetool.identify.estimate import Covariance, Parameter
 from drivetool.identify.results import Z95
 
 SHAPE = (".inertia", ".carried_mass", ".stiffness")
-# Read off the machine: what is fitted is said in their terms, so that a figure of the whole does not move with them.
+# Read off the machine. What is fitted is said in their terms: a figure of the whole does not move with them.
 GEOMETRY = (".ratio", ".radius")
 STEP = 1e-3  # of a standard deviation, by which a parameter is moved
 ROUNDING = 1e-9  # relative, below which a standard deviation is none
@@ -25,21 +25,22 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
             exact: Collection[str] = ()) -> tuple[Parameter, ...]:
     """One line per figure, with the interval that follows from the covariance of the parameters.
 
-    Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping
+    Where a body has a radius, the friction of the whole drive as forces there. With a shaft, and with all its values,
+    resonances and the total inertia. Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping
     ratio is that of the poles and zeros, so that the friction of the bodies counts. No interval where a figure
     moves with a parameter that the record did not tell.
 
     drive    with its values
     lines    what was told of its parameters; covariance: of those that have intervals
     exact    names that were asked to be held: they count as known
-    returns  none for a drive without a shaft, or without all of its values
+    returns  none for a drive of one rotor
     source   Tallfors 2005, sec. 2.1
     """
-    if not drive.shafts or drive.missing():
-        return ()
     try:
         figures = _figures(drive)
     except (DriveToolError, np.linalg.LinAlgError):
+        return ()
+    if not figures:
         return ()
     # Of values that were all held or guessed nothing follows that would have an interval.
     covariance = _finite(covariance)
@@ -79,13 +80,31 @@ def _finite(covariance: Covariance | None) -> Covariance | None:
 
 def _figures(drive: Drive) -> dict[str, tuple[float, str]]:
     """Name -> (value, unit); several of a kind are numbered by frequency."""
-    found, count = {}, {"resonance": 0, "anti-resonance": 0}
+    found, count = _forces(drive), {"resonance": 0, "anti-resonance": 0}
+    if not drive.shafts or drive.missing():
+        return found
     for mode in resonances(drive):
         count[mode.kind] += 1
         name = mode.kind.replace("-", "_") + (str(count[mode.kind]) if count[mode.kind] > 1 else "")
         found[name] = (mode.frequency_hz, "Hz")
         found[f"{name}_damping_ratio"] = (mode.damping_ratio, "")
     found["total_inertia_at_motor"] = (drive.referred_inertia, drive.unit(f"{drive.bodies[0]}.inertia"))
+    return found
+
+
+def _forces(drive: Drive) -> dict[str, tuple[float, str]]:
+    """Friction of the whole drive as it is felt where the last body with a radius carries its mass."""
+    found: dict[str, tuple[float, str]] = {}
+    owner = next((b for b in reversed(drive.bodies) if f"{b}.radius" in drive.values), None)
+    if owner is None or (drive.torque_unit, drive.motion_unit) != ("Nm", "rad"):
+        return found
+    lever = drive.turns()[drive.bodies.index(owner)] / drive.values[f"{owner}.radius"]  # of the motor per metre
+    for kind, suffix, unit, power in (("constant", "idle_torque", "N", 1), ("coulomb", "coulomb", "N", 1),
+                                      ("viscous", "viscous", "N s/m", 2)):
+        names = [f"total.{suffix}", *(f"{b}.{suffix}" for b in drive.bodies)]
+        if any(drive.values.get(n) for n in names):
+            felt = drive.values.get(names[0], drive.felt(suffix))
+            found[f"{kind}_force_at_{owner}"] = (felt * lever**power, unit)
     return found
 
 

@@ -231,7 +231,7 @@ def _correlation(series: Sequence[np.ndarray]) -> float:
             continue
         z = np.where(known, z - z[known].mean(), 0.0)
         count += int(known.sum())
-        products += [z[: len(z) - k] @ z[k:] for k in range(21)]
+        products += [z[: max(len(z) - k, 0)] @ z[k:] for k in range(21)]
     return float(count * np.sum((products[2:] / products[0]) ** 2)) if products[0] > 0.0 else 0.0
 
 

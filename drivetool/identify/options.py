@@ -9,6 +9,7 @@ from drivetool.identify.estimate import Covariance
 from drivetool.identify.start import Start
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
+Method = Literal["speeds", "acceleration"]
 Weighting = Literal["variance", "coherence"]
 
 
@@ -31,6 +32,7 @@ class Options:
     weighting  of a fit in the frequency domain: by the measured variance (maximum likelihood), or by
                coherence over frequency
     band       (low, high) Hz of a fit in the frequency domain; None: where the record is excited
+    method     steady: speeds, from intervals of constant speed; acceleration, from those of constant torque
     start      greybox and backlash: what is known of the state in which every recording begins
     known      covariance of the values that the parameter files bring, so that the interval of
                what is fitted includes the uncertainty of what is held
@@ -47,5 +49,6 @@ class Options:
     noise_order: int | None = None
     weighting: Weighting = "variance"
     band: tuple[float, float] | None = None
+    method: Method = "speeds"
     start: Start = field(default_factory=Start)
     known: Covariance | None = None

@@ -11,9 +11,9 @@ from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.rates import at_rates
-from drivetool.identify.steady_line import KEYS, Line, Points, fit_line, make_points
-from drivetool.identify.steady_points import Interval, find_intervals, mean_variances
-from drivetool.identify.steady_report import (
+from drivetool.identify.steady_speeds.line import KEYS, Line, Points, fit_line, make_points
+from drivetool.identify.steady_speeds.points import Interval, find_intervals, mean_variances
+from drivetool.identify.steady_speeds.report import (
     Task,
     body_findings,
     exhibits,
@@ -28,7 +28,7 @@ from drivetool.logs.experiment import Experiment, sources
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
     """Viscous friction, idle torque and Coulomb friction from steady intervals.
 
-    The intervals are found by the statistic of Cao & Rhinehart (steady_state.py). Each gives a point:
+    The intervals are found by the statistic of Cao & Rhinehart (steady_speeds/state.py). Each gives a point:
     mean torque and mean speed, with a variance from batch means. A weighted line through the points,
     T = c w + T0 + Tc sgn(w), gives the friction of the whole drive; with a shaft torque in all the
     recordings of a two-mass drive, one line per body: Tm - Ts over wm and Ts over wl.
@@ -46,6 +46,10 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     for name in options.hold:
         drive.quantity(name)
     only_in_greybox(options.free)
+    if options.method == "acceleration":
+        from drivetool.identify.steady_speeds.acceleration import acceleration
+
+        return acceleration(at_rates("steady", experiments, options), drive, options)
     experiments = at_rates("steady", experiments, options)
     intervals = [i for experiment in experiments for i in find_intervals(experiment)]
     if not intervals:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, three_mass, two_mass
+from drivetool.drive.chain import one_body, three_mass, two_mass, vehicle
 from drivetool.identify.derived import derived
 from drivetool.identify.estimate import Covariance, Parameter
 
@@ -102,3 +102,17 @@ def test_a_gear_that_was_read_off_is_no_unknown():
     covariance = Covariance(NAMES[:3], np.diag([1e-4, 1e-6, 1.0]))
     found = derived(drive, lines_of(drive, **dict.fromkeys(NAMES[:3], 1.0)), covariance, NAMES)
     assert all(p.std is not None for p in found if "damping" not in p.name)
+
+
+def test_friction_is_a_force_where_a_mass_is_carried():
+    """1089 Nm at wheels of 0.45 m are 2420 N; 40 Nm s/rad there and 0.02 at the motor in N s/m."""
+    drive = vehicle().with_values({"shaft.ratio": 8.79, "wheels.radius": 0.45, "wheels.carried_mass": 12350.0,
+                                   "total.viscous": 0.02 + 40.0 / 8.79**2, "total.idle_torque": 1089.0 / 8.79})
+    covariance = Covariance(("wheels.carried_mass", "total.idle_torque"), np.diag([1.0, 0.01]))
+    lines = lines_of(drive, **{"wheels.carried_mass": 1.0, "total.idle_torque": 0.1})
+    found = {p.name: p for p in derived(drive, lines, covariance)}
+    assert set(found) == {"constant_force_at_wheels", "viscous_force_at_wheels"}  # no stiffness, no resonance
+    force = found["constant_force_at_wheels"]
+    assert force.value == pytest.approx(2420.0) and force.std == pytest.approx(0.1 * 8.79 / 0.45)
+    viscous = found["viscous_force_at_wheels"]
+    assert viscous.value == pytest.approx((0.02 * 8.79**2 + 40.0) / 0.45**2) and viscous.unit == "N s/m"

@@ -12,7 +12,7 @@ from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.options import Options
 from drivetool.identify.steady import steady
-from drivetool.identify.steady_points import mean_variances
+from drivetool.identify.steady_speeds.points import mean_variances
 from drivetool.logs.experiment import Experiment
 
 STEP, INERTIA = 2e-3, 2.0

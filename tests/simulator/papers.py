@@ -87,9 +87,9 @@ def bus_held(seed: int) -> Channels:
     return bus_record(bus_torque("prbs", seed), State((0.0, 0.0), (twist,), 0.0, BUS_OFFSET), seed, held)
 
 
-def bus_acceleration(seed: int) -> Channels:
-    """Constant torque up, coast down: straight lines that give mass and rolling resistance."""
+def bus_acceleration(seed: int, slope: float = 0.0) -> Channels:
+    """Constant torque up, coast down, on a road that rises by `slope`, a share."""
     n = round(12.0 / BUS_STEP)
     torque = np.concatenate([np.full(n, 450.0), np.zeros(n)])
-    start = running(BUS, 20.0)
-    return bus_record(torque, start, seed)
+    machine = replace(BUS, idle_torque=(0.0, ROLLING + MASS * 9.80665 * slope * RADIUS)) if slope else BUS
+    return bus_record(torque, running(machine, 20.0), seed, machine)

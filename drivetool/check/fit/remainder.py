@@ -173,7 +173,7 @@ def _memory(z: list[np.ndarray]) -> float:
     """
     products = np.zeros(LAGS + 1)
     for e in z:
-        products += [e[: len(e) - k] @ e[k:] for k in range(LAGS + 1)]
+        products += [e[: max(len(e) - k, 0)] @ e[k:] for k in range(LAGS + 1)]
     n = sum(len(e) for e in z)
     if products[0] <= 0.0:
         return 0.0

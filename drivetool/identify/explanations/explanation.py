@@ -44,8 +44,8 @@ NOTHING = 0.85
 # drives that lack a law 0.4 and less, under load steps that exceed the motor's torque up to 0.6.
 NOTHING_HELD_OUT = 0.55
 PLAINLY = 0.1  # of the error of straight lines, up to which the torque explains the record and no part is held out
-# Effective blocks that must tell a parameter: what its error is, their scatter says, and of fewer there is none worth
-# the name. The t quantile of 95 % is 4.3 for three blocks, and 12.7 for two.
+# Effective blocks that must tell a parameter: their scatter says what its error is, and of fewer says nothing. The
+# t quantile of 95 % is 4.3 for three blocks, and 12.7 for two.
 FEWEST_BLOCKS = 3.0
 DOUBLED = 2.0  # half-widths that a disagreement adds: half of it is seen, at best
 # What free runs with torques of their own tell of several bodies.

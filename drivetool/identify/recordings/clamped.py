@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from drivetool.drive.chain import AT, Drive
 from drivetool.errors import BadRecording
 from drivetool.identify.recordings.by_record import as_recorded
-from drivetool.identify.steady_points import rough_inertia, speed_of
+from drivetool.identify.steady_speeds.points import rough_inertia, speed_of
 from drivetool.logs.experiment import Experiment
 
 # A drive that swings against a clamp turns to and fro: its mean speed is what its angle changed by over the record.
@@ -81,7 +81,7 @@ def with_first_values(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
 
 @dataclass(frozen=True)
 class Swing:
-    """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: share of the motion it leaves."""
+    """A mass on a spring: natural frequency [rad/s], damping ratio, inertia; left: mean square that it leaves."""
 
     frequency: float
     damping_ratio: float

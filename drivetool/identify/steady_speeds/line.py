@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.steady_points import Interval, mean_variances
+from drivetool.identify.steady_speeds.points import Interval, mean_variances
 
 KEYS = ("viscous", "idle_torque", "coulomb")
 # Means of speed closer than this share of the fastest are one level.

@@ -10,8 +10,8 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit, Parameter
-from drivetool.identify.steady_line import Line, Points
-from drivetool.identify.steady_points import speed_of
+from drivetool.identify.steady_speeds.line import Line, Points
+from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.logs.experiment import Experiment
 
 

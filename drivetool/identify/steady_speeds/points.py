@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import nnls
 
-from drivetool.identify.steady_state import block_means, steady_intervals
+from drivetool.identify.steady_speeds.state import block_means, steady_intervals
 from drivetool.logs.experiment import Experiment
 
 # Share of an interval that is left out at its start: a settling tail that no longer shows in the

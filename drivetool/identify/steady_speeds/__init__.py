@@ -1,0 +1,1 @@
+"""Intervals of constant speed or torque, and the friction that they tell."""

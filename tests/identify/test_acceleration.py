@@ -1,0 +1,206 @@
+"""Mass, friction and slope from intervals of constant torque, on the bus and on rigs of the independent simulator."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.errors import BadOption, BadParameters, BadRecording, NotEnoughData
+from drivetool.identify.estimate import Covariance
+from drivetool.identify.options import Options
+from drivetool.identify.steady import steady
+from drivetool.identify.steady_speeds.spans import CHANGE, LEVEL, PIECES, SHORTEST, spans_of
+from tests.bus_fixtures import BUS, bus, bus_drive
+from tests.simulator.fast import simulate_fast
+from tests.simulator.machine import at_rest, running
+from tests.simulator.papers import BUS as MACHINE
+from tests.simulator.papers import BUS_STEP, MASS, RADIUS, bus_record
+from tests.simulator.records import white_noise
+
+METHOD = Options(method="acceleration")
+ROLLING = bus("acceleration")
+KNOWN = bus_drive().with_values({"motor.inertia": 4.5})
+GRAVITY = 9.81
+
+
+def told(estimate):
+    return {p.name: p for p in estimate.parameters}
+
+
+def codes(estimate):
+    return {f.code for f in estimate.findings}
+
+
+def close(line, true, most=3.0):
+    assert abs(line.value - true) < most * line.std, (line.name, line.value, line.std, true)
+
+
+def record(torque, seed=1, machine=MACHINE, start=None, name="run"):
+    """A recording of the simulated bus under a torque."""
+    start = start or running(machine, 20.0)
+    channels = bus_record(np.asarray(torque, float), start, seed, machine)
+    signals = {role: np.asarray(values, float) for role, (values, _) in channels.items()}
+    return replace(ROLLING, name=name, sha256=f"{name}{seed}", signals=signals, segments=((0, len(torque)),))
+
+
+def up_and_down(high, low, seconds=10.0):
+    n = round(seconds / BUS_STEP)
+    return np.repeat([high, low], n)
+
+
+def on_a_slope(percent):
+    return replace(MACHINE, idle_torque=(0.0, MACHINE.idle_torque[1] + MASS * GRAVITY * percent / 100.0 * RADIUS))
+
+
+def test_the_bus_of_the_literature():
+    """Straight lines err by 15 % in the mass and by a third in the force: here both are within three std."""
+    found = steady([ROLLING], KNOWN, METHOD)
+    lines = told(found)
+    assert set(lines) == {"wheels.carried_mass", "total.viscous", "total.idle_torque"}
+    close(lines["wheels.carried_mass"], BUS["wheels.carried_mass"])
+    close(lines["total.idle_torque"], BUS["wheels.idle_torque"] / 8.79)
+    close(lines["total.viscous"], BUS["motor.viscous"] + BUS["wheels.viscous"] / 8.79**2)
+    assert lines["wheels.carried_mass"].std < 0.001 * MASS and lines["total.idle_torque"].std < 0.5
+    assert found.drive.values["wheels.inertia"] == 22.1 and codes(found) == {"torque-command-assumed"}
+    assert [s["torque"] for s in found.details["spans"]] == [450.0, 0.0]
+
+
+def test_the_covariance_has_the_unit_of_the_mass():
+    found = steady([ROLLING], KNOWN, METHOD)
+    stds = dict(zip(found.covariance.names, np.sqrt(np.diag(found.covariance.matrix)), strict=True))
+    for name, line in told(found).items():
+        assert stds[name] == pytest.approx(line.std, rel=1e-6), name
+
+
+def test_what_the_file_says_of_the_motor_enters_the_mass():
+    """0.05 kg m^2 at the motor are 0.05 (8.79 / 0.45)^2 = 19.1 kg."""
+    plain = told(steady([ROLLING], KNOWN, METHOD))["wheels.carried_mass"]
+    known = Covariance(("motor.inertia", "shaft.stiffness"), np.diag([0.05**2, 1e8]))
+    wider = told(steady([ROLLING], KNOWN, replace(METHOD, known=known)))["wheels.carried_mass"]
+    assert wider.std == pytest.approx(np.hypot(plain.std, 0.05 * (8.79 / 0.45) ** 2), rel=1e-3)
+    assert wider.value == plain.value
+
+
+def test_without_the_motors_inertia_there_is_no_mass():
+    found = steady([ROLLING], bus_drive(), METHOD)
+    line = told(found)["wheels.carried_mass"]
+    assert line.std is None and line.status == "not-identifiable" and "motor.inertia" in line.reason
+    assert line.value == pytest.approx(12350.0 + 4.5 * (8.79 / 0.45) ** 2, rel=2e-3)
+    assert "rotating-parts-unknown" in codes(found)
+    assert "wheels.carried_mass" not in found.covariance.names
+
+
+def test_a_rig_without_a_radius_has_an_inertia():
+    drive = two_mass().with_values({"motor.inertia": 4.5, "shaft.ratio": 8.79})
+    close(told(steady([ROLLING], drive, METHOD))["load.inertia"], 22.1 + MASS * RADIUS**2)
+    lines = told(steady([ROLLING], one_body(), METHOD))
+    close(lines["motor.inertia"], 4.5 + (22.1 + MASS * RADIUS**2) / 8.79**2)
+    assert {"motor.viscous", "motor.idle_torque"} <= set(lines)
+
+
+def test_up_and_down_one_road():
+    """A slope of 0.5 % within 0.05 %, and the rolling force of a level road."""
+    up = record(up_and_down(450.0, 0.0), 3, on_a_slope(0.5), running(MACHINE, 20.0), "up")
+    down = record(up_and_down(450.0, 0.0), 4, on_a_slope(-0.5), running(MACHINE, 20.0), "down")
+    found = steady([up, down], KNOWN, METHOD)
+    (slope,) = [f for f in found.findings if f.code == "slope-of-the-road"]
+    assert slope.evidence["slope_percent"] == pytest.approx(0.5, abs=0.05)
+    assert abs(slope.evidence["slope_percent"] - 0.5 * GRAVITY / 9.80665) < 3.0 * slope.evidence["std"]
+    lines = told(found)
+    close(lines["wheels.carried_mass"], MASS)
+    close(lines["total.idle_torque"], BUS["wheels.idle_torque"] / 8.79)
+    by = found.details["idle_torque_by_record"]
+    assert by["up"] > by["down"] and "records" not in str(found.drive.records)
+
+
+def test_two_runs_of_a_level_road_have_no_slope():
+    runs = [record(up_and_down(450.0, 0.0), seed, name=f"run{seed}") for seed in (5, 6)]
+    found = steady(runs, KNOWN, METHOD)
+    assert "slope-of-the-road" not in codes(found) and "idle_torque_by_record" not in found.details
+    close(told(found)["wheels.carried_mass"], MASS)
+
+
+def test_there_and_back_tells_friction_from_slope():
+    """Through standstill: dry friction changes its sign with the motion, the slope does not."""
+    slope = MASS * GRAVITY * 0.004 * RADIUS
+    machine = replace(MACHINE, coulomb=(0.0, 1089.0), idle_torque=(0.0, slope))
+    torque = np.repeat([450.0, 0.0, -450.0, 0.0], 1600)
+    noise, sensor = white_noise(len(torque), 3.0, 14), white_noise(len(torque), 0.03, 15)
+    free = simulate_fast(machine, torque, BUS_STEP, at_rest(machine), torque_noise=noise)
+    run = replace(ROLLING, signals={"motor_torque": torque, "motor_speed": free.measured + sensor},
+                  segments=((0, len(torque)),))
+    found = steady([run], KNOWN, METHOD)
+    lines = told(found)
+    close(lines["motor.coulomb"], 1089.0 / 8.79)
+    close(lines["total.idle_torque"], slope / 8.79)
+    close(lines["wheels.carried_mass"], MASS)
+    (note,) = [f for f in found.findings if f.code == "slope-of-the-road"]
+    assert note.evidence["slope_percent"] == pytest.approx(0.4, abs=0.02)
+
+
+def test_drag_of_the_air_is_said():
+    """300 Nm of it at 100 rad/s of the motor, a third of the friction, are far beyond what noise bends."""
+    n = round(10.0 / BUS_STEP)
+    speed, wheel, torque = 20.0, [], up_and_down(450.0, 0.0)
+    inertia = 4.5 + (22.1 + MASS * RADIUS**2) / 8.79**2
+    for t in torque:  # one body, stepped finely enough for a speed that changes within seconds
+        wheel.append(speed)
+        speed += BUS_STEP / inertia * (t - 120.0 - 0.5 * speed - 0.004 * speed**2)
+    noise = np.random.default_rng(9).normal(0.0, 0.03, 2 * n)
+    run = replace(ROLLING, signals={"motor_torque": torque, "motor_speed": np.array(wheel) + noise},
+                  segments=((0, 2 * n),))
+    (bent,) = [f for f in steady([run], KNOWN, METHOD).findings if f.code == "friction-is-bent"]
+    assert abs(bent.evidence["drag"] - 0.004) < 3.0 * bent.evidence["std"]
+
+
+def test_spans_are_settled_and_one_way():
+    assert (PIECES, SHORTEST, LEVEL, CHANGE) == (25, 8, 0.02, 0.05)
+    spans = spans_of([ROLLING])
+    assert len(spans) == 2
+    for s, (first, last) in zip(spans, ((0, 2400), (2400, 4800)), strict=True):
+        assert first < s.first < first + 800 and last - 400 < s.last <= last
+    back = spans_of([record(np.repeat([450.0, -450.0], 2400), 8, start=at_rest(MACHINE))])
+    assert all(np.all(s.speed > 0.0) or np.all(s.speed < 0.0) for s in back) and len(back) == 3
+    assert all(one.last <= other.first for one, other in pairwise(back))
+
+
+@pytest.mark.parametrize("torque, words", [
+    (np.full(4800, 450.0), "two sizes"), (300.0 + 200.0 * np.sin(np.arange(4800) / 40.0), "none in")])
+def test_what_cannot_be_told_is_refused(torque, words):
+    with pytest.raises(NotEnoughData, match=words):
+        steady([record(torque, 2)], KNOWN, METHOD)
+
+
+def test_constant_speeds_are_for_the_other_method():
+    torque = np.repeat([140.0, 170.0], 2400)
+    run = replace(ROLLING, signals={"motor_torque": torque, "motor_speed": np.repeat([30.0, 30.4], 2400)},
+                  segments=((0, 4800),))
+    with pytest.raises(NotEnoughData, match="constant speeds"):
+        steady([run], KNOWN, METHOD)
+
+
+def test_a_wrong_sign_and_a_wrong_inertia_are_named():
+    turned = replace(ROLLING, signals={**ROLLING.signals, "motor_torque": -ROLLING.signals["motor_torque"]})
+    with pytest.raises(BadRecording, match="sign"):
+        steady([turned], KNOWN, METHOD)
+    with pytest.raises(BadParameters, match="rotating parts"):
+        steady([ROLLING], bus_drive().with_values({"motor.inertia": 50.0}), METHOD)
+    with pytest.raises(BadOption, match=r"Hold total\.viscous"):
+        steady([ROLLING], KNOWN, replace(METHOD, hold=("wheels.viscous",)))
+
+
+def test_what_is_held_stays():
+    drive = KNOWN.with_values({"total.viscous": 0.5377})
+    lines = told(steady([ROLLING], drive, replace(METHOD, hold=("total.viscous",))))
+    assert lines["total.viscous"].value == 0.5377 and lines["total.viscous"].status == "held"
+    close(lines["total.idle_torque"], BUS["wheels.idle_torque"] / 8.79)
+
+
+def test_an_angle_will_do():
+    angle = np.cumsum(ROLLING.signals["motor_speed"]) * ROLLING.step
+    counts = np.round(angle * 1000.0) / 1000.0
+    run = replace(ROLLING, signals={"motor_torque": ROLLING.signals["motor_torque"], "motor_angle": counts})
+    line = told(steady([run], KNOWN, METHOD))["wheels.carried_mass"]
+    assert line.value == pytest.approx(MASS, rel=0.002)
