@@ -62,7 +62,7 @@ def channels(machine: Machine, torque: np.ndarray, speed: float, seed: int, sens
 
 def from_the_load(machine: Machine, torque: np.ndarray, speed: float, seed: int,
                   sensors: Sensors = Sensors()) -> Channels:
-    """The same channels with the machine at the load as the motor: its torque drives, what was the motor is the load.
+    """The same channels with the machine at the load as the motor: its torque drives, the other one is its load.
 
     machine  without a gap
     torque   (n,) steps about what keeps the speed [Nm]

@@ -17,7 +17,8 @@ def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None
         _print_spectra(file, console)
     elif isinstance(file.swap, SwapSection):
         _print_swap(file.swap, console)
-        console.print(Text(f"  {file.outcome}"))
+        if not file.findings:  # which have the same sentence
+            console.print(Text(f"  {file.outcome}"))
     else:
         _print_comparison(file, console)
 

@@ -305,9 +305,9 @@ CODES = {
         "Record sudden torque steps upward from a constant speed, with several periods between them."),
     "sides-differ": Code(
         WARNING,
-        "In `compare --swap` the files of the two sides differ: a parameter by more than 3 joint standard deviations, "
-        "or all together by a chi-square test at 0.27 %. One of the two fits has an error that its intervals leave "
-        "out, or the drive changed between the recordings.",
+        "In `compare --swap` the files of the two sides differ: a parameter by more than 3 joint standard "
+        "deviations, or all together by a chi-square test at 0.27 %. One of the two fits has an error that its "
+        "intervals leave out, or the drive changed between the recordings.",
         "Check sign, scale and clock of the torque channels; run `diagnose` on both recordings."),
     "sides-not-compared": Code(
         WARNING,
