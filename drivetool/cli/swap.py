@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drivetool.cli.deliver import deliver
-from drivetool.cli.folders import SUFFIXES
 from drivetool.cli.inputs import Job, check_outputs
 from drivetool.errors import BadOption
 
@@ -17,6 +16,8 @@ def check_words(files: Sequence[str], options: Mapping[str, object]) -> None:
     files    the words of the command line that are no options
     options  name -> value of those that say how recordings are read and fitted
     """
+    from drivetool.cli.folders import SUFFIXES
+
     given = [name for name, value in options.items() if value]
     if given:
         raise BadOption("no option of recordings or fits beside --swap, which reads two parameter files",

@@ -39,9 +39,9 @@ def rig(tmp_path_factory):
     """Both sides of a rig, and its load side with a fifth more inertia at the load."""
     folder = tmp_path_factory.mktemp("rig")
     heavier = replace(TABLE, inertia=(TABLE.inertia[0], 1.2 * TABLE.inertia[1]))
-    records = {"motor": steps_record(TABLE, 31, duration=6.0),
-               "load": from_the_load(TABLE, torque_steps(32, 6.0), 110.0, 32),
-               "heavier": from_the_load(heavier, torque_steps(33, 6.0), 110.0, 33)}
+    records = {"motor": steps_record(TABLE, 31, duration=4.0),
+               "load": from_the_load(TABLE, torque_steps(32, 4.0), 110.0, 32),
+               "heavier": from_the_load(heavier, torque_steps(33, 4.0), 110.0, 33)}
     return {name: write(folder, name, record, ROLES) for name, record in records.items()}
 
 
@@ -97,7 +97,7 @@ def test_file_json_table_and_picture_say_the_same(call, folder):
     rows = [line.split() for line in out.splitlines()]
     assert ["motor.inertia", "4.780", "0.020", "kg", "m^2"] in rows
     assert ["load.inertia", "4.800", "0.010", "0.020", "0.022", "0.89"] in rows
-    assert "motor.coulomb: equal in both files, without an interval: it says nothing" in out
+    assert "motor.coulomb: the same value in both files, not fitted in both: it says nothing" in out
     assert "The two sides agree: chi-square 1.41 of 3, p 0.7." in out
 
 
@@ -156,6 +156,25 @@ def test_one_recording_behind_both_files_is_refused(call, folder):
         path.write_text(yaml.safe_dump(content))
     code, _, err = call("compare", "--swap", "motor.yaml", "load.yaml")
     assert code == 1 and "found motor.parquet behind both" in err
+
+
+def test_inputs_in_ampere_are_of_two_machines(call, folder):
+    for name in ("motor", "load"):
+        content = {"motor.inertia": (0.2, "A s^2/rad", 0.01), "load.inertia": (0.2, "A s^2/rad", 0.01)}
+        (folder / f"{name}.yaml").write_text(file_of(content, {"name": "two-mass", "torque_unit": "A"}))
+    code, _, err = call("compare", "--swap", "motor.yaml", "load.yaml")
+    assert code == 1 and "found A in motor.yaml and load.yaml" in err
+
+
+def test_values_of_one_recording_are_listed_and_not_compared(call, folder):
+    content = yaml.safe_load((folder / "load.yaml").read_text())
+    content["records"] = [{"file": "b.parquet", "sha256": "1" * 64}]
+    content["parameters"]["load.coulomb@b.parquet"] = 3.0
+    (folder / "load.yaml").write_text(yaml.safe_dump(content))
+    code, out, err = call("compare", "--swap", "motor.yaml", "load.yaml")
+    line = next(x for x in yaml.safe_load(out)["swap"]["lines"] if "@" in x["second"])
+    assert code == 0 and (line["first"], line["difference"]) == ("", None), err
+    assert line["reason"] == "of one recording alone"
 
 
 def test_a_variance_that_is_none_is_refused(call, folder):

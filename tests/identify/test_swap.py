@@ -14,7 +14,8 @@ from drivetool.identify.recordings.swap import swap
 CHAIN = Drive("custom", ("motor", "gear", "arm"), ("shaft", "shaft2"))
 VALUES = {"motor.inertia": 0.02, "gear.inertia": 0.5, "arm.inertia": 3.0, "motor.viscous": 0.01,
           "gear.viscous": 0.3, "arm.viscous": 2.0, "shaft.stiffness": 900.0, "shaft.damping": 0.7,
-          "shaft.ratio": 5.0, "shaft2.stiffness": 4000.0, "shaft2.damping": 1.5, "shaft2.ratio": 0.8, "shaft2.half_gap": 0.02}
+          "shaft.ratio": 5.0, "shaft2.stiffness": 4000.0, "shaft2.damping": 1.5, "shaft2.ratio": 0.8,
+          "shaft2.half_gap": 0.02}
 
 
 def from_the_arm(values):

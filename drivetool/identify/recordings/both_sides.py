@@ -19,8 +19,8 @@ OTHER_MOTOR = "of the motor's converter or sensor, and the other file has those 
 OTHER_NOTCH = "the anti-resonance is that of the load, and the two files have different loads"
 ONE_RECORD = "of one recording alone"
 PHASE = "it depends on where the recording's angle is zero"
-EQUAL = "equal in both files, without an interval: it says nothing"
-CARRIED = "equal in both files with its interval, so from one source: it says nothing"
+EQUAL = "the same value in both files, not fitted in both: it says nothing"
+CARRIED = "the same value and interval in both files, so from one source: it says nothing"
 
 
 @dataclass(frozen=True)
