@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.simulator import experiments
 from tests.simulator.fast import PI, simulate_fast
-from tests.simulator.machine import Machine, running
+from tests.simulator.machine import Machine, State, running
 from tests.simulator.records import Channels, white_noise, write_mcap, write_parquet
 
 STEP = 1e-3
@@ -60,6 +60,26 @@ def channels(machine: Machine, torque: np.ndarray, speed: float, seed: int, sens
             "load_speed": (load, "rad/s"), "shaft_torque": (shaft, "Nm")}
 
 
+def from_the_load(machine: Machine, torque: np.ndarray, speed: float, seed: int,
+                  sensors: Sensors = Sensors()) -> Channels:
+    """The same channels with the machine at the load as the motor: its torque drives, the other one is its load.
+
+    machine  without a gap
+    torque   (n,) steps about what keeps the speed [Nm]
+    """
+    rng, n = np.random.SeedSequence(seed).generate_state(4), len(torque)
+    through = -(machine.viscous[0] * speed + machine.idle_torque[0])  # the shaft drives the first body
+    start = State((speed, speed), (through / machine.stiffness[0],))
+    command = np.round(torque + machine.viscous[1] * speed + machine.idle_torque[1] - through, 3)
+    run = simulate_fast(machine, np.zeros(n), STEP, start,
+                        load_torque=-(command + white_noise(n, sensors.converter, rng[0])),
+                        sensor_noise=white_noise(n, sensors.speed, rng[1]))
+    return {"motor_torque": (command, "Nm"),
+            "motor_speed": (run.speeds[:, 1] + white_noise(n, sensors.speed, rng[3]), "rad/s"),
+            "load_speed": (run.measured, "rad/s"),
+            "shaft_torque": (white_noise(n, sensors.shaft, rng[2]) - run.shaft_torques[:, 0], "Nm")}
+
+
 def steady_record(machine: Machine, seed: int, speeds: tuple[float, ...] = SPEEDS,
                   sensors: Sensors = Sensors()) -> Channels:
     """Speed control at several constant speeds, 6 s each."""
@@ -70,14 +90,19 @@ def steady_record(machine: Machine, seed: int, speeds: tuple[float, ...] = SPEED
 def steps_record(machine: Machine, seed: int, speed: float = 110.0, duration: float = 8.0,
                  sensors: Sensors = Sensors()) -> Channels:
     """Torque steps up and down about what keeps the speed, open loop; the shaft torque keeps its sign or not."""
-    rng, base = np.random.default_rng(seed), running(machine, speed).torque
-    torque, i, n = np.full(round(duration / STEP), base), 300, round(duration / STEP)
-    sign = 1.0
+    torque = running(machine, speed).torque + torque_steps(seed, duration)
+    return channels(machine, np.round(torque, 3), speed, seed, sensors)
+
+
+def torque_steps(seed: int, duration: float) -> np.ndarray:
+    """Steps [Nm] up and down in turn, of 20 to 60 Nm."""
+    rng, n = np.random.default_rng(seed), round(duration / STEP)
+    torque, i, sign = np.zeros(n), 300, 1.0
     while i < n:
         hold = round(rng.uniform(0.2, 0.5) / STEP)
         torque[i:i + hold] += sign * rng.uniform(20.0, 60.0)
         sign, i = -sign, i + hold
-    return channels(machine, np.round(torque, 3), speed, seed, sensors)
+    return torque
 
 
 def write(folder: Path, name: str, record: Channels, roles: tuple[str, ...]) -> Path:

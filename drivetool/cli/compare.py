@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
+from drivetool.cli import swap as sides
 from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, with_torques
 from drivetool.cli.outcomes import guarded
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from drivetool.identify.compare import CompareOptions
 
 HELP = ("Structures side by side. Each fitted on every record and checked on all the others; "
-        "mean and spread of what they find over the experiments.")
+        "mean and spread of what they find over the experiments. With --swap: one drive, identified from both "
+        "of its motors.")
 EXAMPLE = "drivetool compare one.parquet two.parquet --structure oe --out compare.yaml"
 
 
@@ -46,20 +48,31 @@ Order = Annotated[int | None, typer.Option(
 Machines = Annotated[list[str] | None, typer.Option(
     "--machine", metavar="NAME=PATTERN", help="Which recordings are of one machine, as 'A=axis1/*'; repeatable. "
     "Machines are told apart by how each varies from recording to recording. Default: every recording for itself.")]
+Swap = Annotated[bool, typer.Option(
+    "--swap", help="Compare two parameter files in the place of recordings: of one drive, identified with one "
+    "machine as the motor, then with the machine at its other end. The bodies of the second file are exchanged; - "
+    "is standard input.")]
 
 
 def command(
     logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
     drive: cli.DriveName = None, structure: Structures = None, order: Order = None,
-    noise_order: cli.NoiseOrder = None, machine: Machines = None, set: cli.Set = None,
-    out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False,
-    debug: cli.Debug = False, quiet: cli.Quiet = False,
+    noise_order: cli.NoiseOrder = None, machine: Machines = None, swap: Swap = False,
+    set: cli.Set = None, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
     job = Job("compare", logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
               condition or ())
 
     def work() -> int:
+        if swap:
+            sides.check_words(logs, {
+                "--params": params, "--map": map, "--condition": condition, "--drive": drive,
+                "--structure": structure, "--order": order, "--noise-order": noise_order is not None,
+                "--machine": machine, "--set": set})
+            return sides.run(replace(job, given=(), params=logs))
+
         from drivetool.identify.compare import CompareOptions
 
         names = tuple(dict.fromkeys(s.value for s in structure)) if structure else ("oe", "bj")

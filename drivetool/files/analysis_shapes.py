@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from drivetool.files.shapes import FileSection, FindingSection, Number, Plain, Shape, Tool
 
@@ -98,8 +98,40 @@ class DifferenceSection(Shape):
     differs: bool
 
 
+class SwapLineSection(Shape):
+    """A parameter, or a figure that follows from them, in the files of both sides."""
+
+    first: Annotated[str, Meta(description="its name in the first file; empty where that has none")]
+    second: Annotated[str, Meta(description="its name in the second file, likewise")]
+    unit: str
+    factor: Annotated[float, Meta(
+        description="by which the second value was multiplied, to refer it across a gear to the first side")]
+    values: Annotated[tuple[Number, Number], Meta(description="first and second")]
+    stds: Annotated[tuple[Number, Number], Meta(description="standard deviation of each")]
+    difference: Annotated[Number, Meta(description="second less first")]
+    std: Annotated[Number, Meta(
+        description="standard deviation of the difference, of independent recordings")]
+    ratio: Annotated[Number, Meta(description="difference over std")]
+    differs: Annotated[bool, Meta(description="whether the ratio is beyond 3")]
+    reason: Annotated[str, Meta(description="why there is no difference or no ratio")]
+
+
+class SwapSection(Shape):
+    """One drive identified from both of its motors, the bodies of the second file exchanged."""
+
+    first: Annotated[str, Meta(description="name of the first file")]
+    second: Annotated[str, Meta(description="name of the second file")]
+    lines: list[SwapLineSection]
+    derived: Annotated[list[SwapLineSection], Meta(description="figures that follow from the parameters")]
+    chi_square: Annotated[Number, Meta(
+        description="of all parameters with a ratio, by both covariances; null where there is none")]
+    degrees: Annotated[int, Meta(description="of freedom")]
+    p: Annotated[Number, Meta(description="chance of a larger chi-square where both sides are one drive")]
+    agree: Annotated[bool | None, Meta(description="null where nothing can be compared")]
+
+
 class ComparisonFile(Shape):
-    """What compare writes: every structure fitted on every record and checked on all."""
+    """What compare writes: every structure fitted on every record and checked on all, or two sides of a drive."""
 
     schema: Literal["drivetool/comparison/1"]
     tool: Tool
@@ -113,6 +145,7 @@ class ComparisonFile(Shape):
     data: list[FileSection]
     inputs: list[FileSection]
     options: Plain
+    swap: Annotated[SwapSection, Meta(description="of --swap alone")] | UnsetType = UNSET
 
 
 KINDS = {SPECTRA_SCHEMA: SpectraFile, COMPARISON_SCHEMA: ComparisonFile}

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from drivetool.files.analysis_shapes import ComparisonFile, SpectraFile
+from drivetool.files.analysis_shapes import ComparisonFile, SpectraFile, SwapLineSection, SwapSection
 from drivetool.files.tables import labels, rounded, short
 
 
@@ -15,6 +15,10 @@ def print_analysis(file: SpectraFile | ComparisonFile, console: Console) -> None
     """The tables of a file; colours only on a terminal."""
     if isinstance(file, SpectraFile):
         _print_spectra(file, console)
+    elif isinstance(file.swap, SwapSection):
+        _print_swap(file.swap, console)
+        if not file.findings:  # which have the same sentence
+            console.print(Text(f"  {file.outcome}"))
     else:
         _print_comparison(file, console)
 
@@ -86,3 +90,29 @@ def _between(file: ComparisonFile) -> str:
     if file.options.get("machines"):
         return "between machines, by more than each varies from recording to recording"
     return "between records, by more than the noise within them"
+
+
+def _print_swap(found: SwapSection, console: Console) -> None:
+    """Two rows per figure; the second one has the name of the second file, where that is another."""
+    lines = [*found.lines, *found.derived]
+    shown = [line for line in lines if line.difference is not None]
+    table = _table("parameter", "value", "+- (std)", "unit", "difference", "+- (std)", "over std",
+                   title=f"{found.first}, below it {found.second} with its own names")
+    for line in shown:
+        style = "dim" if line.ratio is None else "yellow" if line.differs else ""
+        for row in _swap_rows(line):
+            table.add_row(*map(Text, row), style=style)
+    if shown:
+        console.print(table)
+    for reason in dict.fromkeys(line.reason for line in lines if line.reason):
+        names = ", ".join(line.first or line.second for line in lines if line.reason == reason)
+        console.print(Text(f"  {names}: {reason}", style="dim"))
+
+
+def _swap_rows(line: SwapLineSection) -> list[tuple[str, ...]]:
+    """First value; second value with the difference."""
+    (one, one_std), (two, two_std) = map(rounded, line.values, line.stds)
+    change, std = rounded(line.difference, line.std)
+    other = f"  {line.second}" if line.second != line.first else ""
+    return [(line.first, one, one_std, line.unit, "", "", ""),
+            (other, two, two_std, "", change, std, short(line.ratio, 2))]

@@ -11,6 +11,7 @@ import numpy as np
 from drivetool.files.inspect_picture import panels
 from drivetool.files.look import BLUE, CYCLE, GREY, INK, ORANGE, RED
 from drivetool.files.plots import decimated
+from drivetool.identify.recordings.both_sides import BEYOND
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -209,6 +210,26 @@ def _logarithmic(axis: Axes) -> None:
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
+def _ratios(exhibit: Exhibit) -> Figure:
+    """One dot per figure beside its name; beyond the band it stands out."""
+    from matplotlib.figure import Figure
+
+    places = [float(y[0]) for _, y in exhibit.curves.values()]
+    drawn = Figure(figsize=(8.0, 1.6 + 0.27 * len(places)), layout="constrained")
+    axis = drawn.subplots()
+    axis.set_title(exhibit.title)
+    axis.set_xlabel(exhibit.x)
+    axis.axvspan(-BEYOND, BEYOND, color=BLUE, alpha=0.12, linewidth=0)
+    axis.axvline(0.0, color="#5c6269", linewidth=0.8)
+    for x, y in exhibit.curves.values():
+        colour = INK if abs(x[0]) <= BEYOND else RED
+        axis.hlines(y, 0.0, x, color=colour, linewidth=1.1)
+        axis.plot(x, y, "o", color=colour, markersize=4.5)
+    axis.set_yticks(places, list(exhibit.curves))
+    axis.margins(y=0.5 / max(len(places), 1))
+    return drawn
+
+
 def _lines(exhibit: Exhibit) -> Figure:
     """Every curve as a line."""
     drawn, axis = _one(exhibit)
@@ -219,7 +240,8 @@ def _lines(exhibit: Exhibit) -> Figure:
 
 
 _KINDS = {"record": _record, "recording": _recording, "steady": _steady, "correlation": _correlation,
-          "profile": _profile, "starts": _starts, "bode": _bode, "channels": panels, "response": _response}
+          "profile": _profile, "starts": _starts, "bode": _bode, "channels": panels, "response": _response,
+          "ratios": _ratios}
 
 
 def _stack(n: int, heights: list[float]) -> tuple[Figure, list[Axes]]:

@@ -323,6 +323,17 @@ CODES = {
         "One rigid body explains the record as well as two masses with a shaft. The oscillation of the shaft is "
         "not excited, and inertias and stiffness are not identifiable.",
         "Record sudden torque steps upward from a constant speed, with several periods between them."),
+    "sides-differ": Code(
+        WARNING,
+        "In `compare --swap` the files of the two sides differ: a parameter by more than 3 joint standard "
+        "deviations, or all together by a chi-square test at 0.27 %. One of the two fits has an error that its "
+        "intervals leave out, or the drive changed between the recordings.",
+        "Check sign, scale and clock of the torque channels; run `diagnose` on both recordings."),
+    "sides-not-compared": Code(
+        WARNING,
+        "In `compare --swap` no parameter has an interval in both files. The differences are stated, and nothing "
+        "says whether they are large.",
+        "Give the files that `greybox`, `backlash` or `blackbox` wrote, and free the same parameters."),
     "sign-doubted": Code(
         WARNING,
         "The total inertia that the slow motion shows is clearly negative: the sign of torque or motion is "

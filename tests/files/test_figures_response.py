@@ -33,3 +33,11 @@ def test_records_have_colours_of_their_own():
     hz = np.geomspace(1.0, 100.0, 50)
     (axis,) = drawn("bode", {name: (hz, k / hz) for k, name in enumerate(("one", "two", "three"), 1)})
     assert len({line.get_color() for line in axis.lines}) == 3
+
+
+def test_a_ratio_beyond_three_stands_out_and_every_name_is_written():
+    (axis,) = drawn("ratios", {"motor.inertia": (np.array([-0.5]), np.array([0.0])),
+                               "load.inertia": (np.array([8.0]), np.array([-1.0]))})
+    assert [tick.get_text() for tick in axis.get_yticklabels()] == ["motor.inertia", "load.inertia"]
+    within, beyond = (line for line in axis.lines if line.get_marker() == "o")
+    assert within.get_color() != beyond.get_color()
