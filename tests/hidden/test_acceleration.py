@@ -23,7 +23,7 @@ BUS_UNITS = {"shaft.ratio": "1", "motor.inertia": "kg m^2", "wheels.inertia": "k
 
 
 def rig(seed):
-    """(machine, sampling time, torque up, seconds of either half, speed at first, noise, drive, values) of a rig."""
+    """(machine, sampling time, torque up, seconds of a half, first speed, noise, drive, values) of a rig."""
     case = make_case("none", seed, seed=1)
     one = case.rig
     return (one.machine, 1e-3, 0.5 * one.rated, 6.0, 0.3 * one.top,

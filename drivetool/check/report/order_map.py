@@ -32,6 +32,7 @@ COLUMNS = 1280  # of orders at most: 40 per turn in the longest window
 PER_WINDOW = 2.0  # columns per period in a window: half the width of a ridge
 LOWEST = 4.0  # periods per window: below, steps of the torque and errors of friction leak in
 AROUND = 2.5  # times the highest order marked, up to which the map goes
+MOST_WINDOWS = 200  # of a recording, a few in every row; further ones cost time and show nothing new
 FINE = 4.0  # cells of the angle per period of the highest order
 ROWS = 24  # of speed
 CHANCE = 0.01  # share of the cells in which noise alone would be drawn
@@ -62,7 +63,8 @@ def order_maps(base: Model, after: Mapping[str, float], units: tuple[str, str]) 
     found = []
     for name, group in groupby(range(len(base.problem.traces)), lambda i: base.problem.traces[i].name):
         try:
-            picture = _map_of(over(base, list(group)), name, marked, units)
+            with np.errstate(over="ignore", invalid="ignore"):
+                picture = _map_of(over(base, list(group)), name, marked, units)
         except BROKEN:  # a base whose filter runs away has no map
             continue
         found += [picture] if picture is not None else []
@@ -98,7 +100,8 @@ def _map_of(base: Model, name: str, marked: Sequence[float], units: tuple[str, s
     size = np.maximum(np.linalg.norm(response, axis=1), 1e-300)
     # The phase of the response alone: a torque adds up, and what is noise stays white, so that none leaks.
     phase = response / size[:, None]
-    parts = [_windows(asked_for(e, phase, lines, step), angle, speed, (width, orders), (size, lines), step)
+    hop = max(0.5 * width, way / MOST_WINDOWS)
+    parts = [_windows(asked_for(e, phase, lines, step), angle, speed, (width, hop, orders), (size, lines), step)
              for e, angle, speed in zip(z, angles, speeds, strict=True)]
     every = _Windows(*(np.concatenate([getattr(p, field) for p in parts]) for field in ("speed", "power", "noise")))
     if len(every.speed) == 0:
@@ -116,20 +119,20 @@ def _map_of(base: Model, name: str, marked: Sequence[float], units: tuple[str, s
         HeatMap(x, edges, values, f"amplitude [{units[0]}]"))
 
 
-def _windows(torque: np.ndarray, angle: np.ndarray, speed: np.ndarray, layout: tuple[float, np.ndarray],
+def _windows(torque: np.ndarray, angle: np.ndarray, speed: np.ndarray, layout: tuple[float, float, np.ndarray],
              drive: tuple[np.ndarray, np.ndarray], step: float) -> _Windows:
-    """Windows of a stretch, half of each in the next, Hann over the way: amplitudes squared at every order.
+    """Windows of a stretch, Hann over the way: amplitudes squared at every order.
 
     torque   (n,) one-step errors with the phase of the torque on the motor that makes them
-    layout   width of a window, orders (columns,)
+    layout   width of a window, way from one to the next, orders (columns,)
     drive    one-step errors over such a torque (LINES,), of whitened sensors, at frequencies (LINES,) [Hz]
     """
-    (width, orders), (size, lines) = layout, drive
+    (width, hop, orders), (size, lines) = layout, drive
     way = np.concatenate(([0.0], np.cumsum(np.abs(speed[:-1]) * step)))
     cells = int(2 ** np.ceil(np.log2(FINE * len(orders))))
     cell = PER_WINDOW * width / cells
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for low in np.arange(0.0, way[-1] - width, 0.5 * width):
+    for low in np.arange(0.0, way[-1] - width, hop):
         a, b = np.searchsorted(way, (low, low + width))
         if b - a < 2:
             continue
