@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 INK, GREY, EDGE, RULE = "#2b2f33", "#8d939b", "#5c6269", "#e3e6e9"
 BEFORE, AFTER, GREEN = "#d9730d", "#1763a6", "#3a7d44"
 WIDTH = 6.4  # inches
+BRIGHTEST = 0.99  # quantile of the amplitudes that has the last colour: a single cell of noise may be far larger
 BINS = 500  # points of a line are about twice as many
 # A colour and a hatch each, so that a print in grey still tells them apart.
 STATES = {"named": (GREEN, ""), "possible": (AFTER, "//"), "worse": (GREY, ".."), "no-gain": (RULE, "")}
@@ -166,6 +167,28 @@ def _order(exhibit: Exhibit) -> Figure:
     return drawn
 
 
+def _order_map(exhibit: Exhibit) -> Figure:
+    """Amplitude in colours over order and speed; a line through each order that a cause claims."""
+    drawn = _blank(4.2)
+    axis = drawn.subplots()
+    axis.set_title(exhibit.title, pad=26)
+    axis.grid(False)
+    heat = exhibit.heat
+    if heat is not None:
+        shown = heat.values[np.isfinite(heat.values)]
+        top = float(np.quantile(shown, BRIGHTEST)) if len(shown) else 1.0
+        mesh = axis.pcolormesh(heat.x, heat.y, heat.values, cmap="viridis_r", vmin=0.0, vmax=top, rasterized=True)
+        drawn.colorbar(mesh, ax=axis, label=heat.label, extend="max")
+        axis.set_xlim(0.0, heat.x[-1])
+    for label, (x, y) in exhibit.curves.items():
+        axis.plot(x, y, color=BEFORE, linewidth=1.0, linestyle=(0, (1, 4)))
+        axis.annotate(f"cause: {label}", (x[0], 1.0), xycoords=("data", "axes fraction"), xytext=(0, 4),
+                      textcoords="offset points", ha="center", color=BEFORE, fontsize=9.5)
+    axis.set_xlabel(exhibit.x)
+    axis.set_ylabel(exhibit.y)
+    return drawn
+
+
 def _reversal(exhibit: Exhibit) -> Figure:
     """Mean error around reversals above, size below."""
     drawn = _blank(4.4)
@@ -222,8 +245,8 @@ def _candidates(exhibit: Exhibit) -> Figure:
 _STATE_WORDS = {"named": "named", "possible": "as good", "worse": "worse", "no-gain": "no gain"}
 _KINDS = {"diagnosis-record": _record, "diagnosis-residual-time": _over_time,
           "diagnosis-residual-speed": _binned, "diagnosis-residual-torque": _binned,
-          "diagnosis-residual-order": _order, "diagnosis-residual-reversal": _reversal,
-          "diagnosis-candidates": _candidates}
+          "diagnosis-residual-order": _order, "diagnosis-order-map": _order_map,
+          "diagnosis-residual-reversal": _reversal, "diagnosis-candidates": _candidates}
 
 
 def _blank(height: float) -> Figure:

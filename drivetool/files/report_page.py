@@ -15,7 +15,8 @@ from drivetool.files.tables import rounded, short
 Sections = Mapping[str, shapes.ParameterSection]
 _FAINT = ("no-gain", "not-shown", "in-the-model", "failed")
 _ORDER = ("diagnosis-record", "diagnosis-candidates", "diagnosis-residual-time", "diagnosis-residual-reversal",
-          "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order")
+          "diagnosis-residual-speed", "diagnosis-residual-torque", "diagnosis-residual-order",
+          "diagnosis-order-map")
 
 
 def diagnosis_page(diagnosis: Diagnosis, file: shapes.ParameterFile, base: Sections) -> str:

@@ -29,6 +29,9 @@ CAPTIONS = {
                                  "a shaft that stiffens or softens; a bump around zero play.",
     "diagnosis-residual-order": "A single peak that is gone afterwards is a torque that repeats with the angle: "
                                 "ripple, or at one per turn imbalance. An elastic shaft makes amplitudes rough.",
+    "diagnosis-order-map": "An upright ridge is a torque that repeats with the motor's angle, at every speed: "
+                           "ripple or cogging. A ridge whose order falls as the speed rises is a hum of fixed "
+                           "frequency. White is within the noise, or too fast for the sampling rate.",
     "diagnosis-residual-reversal": "All reversals laid on top of each other, the downward ones mirrored. A ringing "
                                    "that starts there is play, a ramp that starts there is dry friction.",
     "diagnosis-candidates": "How much better data that no fit has seen are predicted with each cause added. A bar "

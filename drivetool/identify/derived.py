@@ -25,10 +25,10 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
             exact: Collection[str] = ()) -> tuple[Parameter, ...]:
     """One line per figure, with the interval that follows from the covariance of the parameters.
 
-    Where a body has a radius, the friction of the whole drive as forces there. With a shaft, and with all its values,
-    resonances and the total inertia. Resonances and anti-resonances from motor torque to motor speed are those of the undamped drive; the damping
-    ratio is that of the poles and zeros, so that the friction of the bodies counts. No interval where a figure
-    moves with a parameter that the record did not tell.
+    Where a body has a radius, the friction of the whole drive as forces there. With a shaft, and with all its
+    values, resonances and the total inertia. Resonances and anti-resonances from motor torque to motor speed are
+    those of the undamped drive; the damping ratio is that of the poles and zeros, so that the friction of the bodies
+    counts. No interval where a figure moves with a parameter that the record did not tell.
 
     drive    with its values
     lines    what was told of its parameters; covariance: of those that have intervals

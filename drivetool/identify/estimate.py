@@ -81,12 +81,27 @@ class Starts:
 
 
 @dataclass(frozen=True)
+class HeatMap:
+    """Values over two axes.
+
+    x, y    edges (n + 1,) and (m + 1,) of the cells
+    values  (m, n), NaN where there is none; label: what they are, with unit
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    values: np.ndarray
+    label: str
+
+
+@dataclass(frozen=True)
 class Exhibit:
     """Signals that a picture is drawn from.
 
     kind    which picture (record, steady, impulse ...); title in words
     x, y    axis labels with unit
     curves  label -> (x (n,), y (n,))
+    heat    what lies under the curves, in colours
     """
 
     kind: str
@@ -94,6 +109,7 @@ class Exhibit:
     x: str
     y: str
     curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    heat: HeatMap | None = None
 
 
 @dataclass(frozen=True)

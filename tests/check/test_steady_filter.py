@@ -14,10 +14,10 @@ from drivetool.check.fit.model import from_start
 from drivetool.check.fit.scan import (
     HIGHEST,
     LINES,
-    _asked_for,
-    _left_by,
     _over_angle,
+    asked_for,
     disturbance_response,
+    left_by,
     likely_orders,
     steady_filter,
 )
@@ -133,7 +133,7 @@ def test_the_score_of_an_order_is_what_its_shape_explains(turning):
     e = lfilter([1.0], [1.0, -0.9], rng.normal(size=size))  # hardly anything of it is faster than a ripple
     angle = turning * (np.cumsum(20.0 + 10.0 * np.sin(0.004 * np.arange(size))) * step + 0.3)
     reach = np.ptp(angle)
-    asked = _over_angle(_asked_for(e[:, None], response, lines, step), angle, reach)
+    asked = _over_angle(asked_for(e[:, None], response, lines, step), angle, reach)
     place = angle - angle.min()
     for k in (8, 13, 40):
         order = k * np.pi / reach
@@ -149,7 +149,7 @@ def test_what_an_order_leaves_is_the_response_at_its_frequency_and_nothing_beyon
     grid = np.array([0.5, 1.5, 9.5, 12.0, 25.0])
     hertz = np.outer(grid, [100.0, 200.0])
     expected = np.where(hertz < LINES, 1.0 / (1.0 + (hertz / 300.0) ** 2), 0.0) @ [300.0, 500.0]
-    np.testing.assert_allclose(_left_by(grid, speed, response, lines), expected, rtol=0.01)
+    np.testing.assert_allclose(left_by(grid, speed, response, lines), expected, rtol=0.01)
 
 
 def test_a_motor_that_shakes_faster_than_a_ripple_is_followed_has_none(monkeypatch):

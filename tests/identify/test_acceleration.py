@@ -1,4 +1,4 @@
-"""Mass, friction and slope from intervals of constant torque, on the bus and on rigs of the independent simulator."""
+"""Mass, friction and slope from intervals of constant torque, on the bus of the independent simulator."""
 
 from dataclasses import replace
 from itertools import pairwise

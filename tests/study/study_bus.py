@@ -44,7 +44,8 @@ FIRST_SEED = 990_000
 ROUNDING = 1e-2  # of the logged speed
 RATIO = BUS.ratio[0]
 TRUTH = {"motor.inertia": 4.5, "wheels.carried_mass": MASS, "shaft.stiffness": 1520e3, "shaft.damping": 3600.0,
-         "motor.coulomb": 0.0, "total.viscous": 0.02 + 40.0 / RATIO**2, "total.idle_torque": TRUE["wheels.idle_torque"] / RATIO}
+         "motor.coulomb": 0.0, "total.viscous": 0.02 + 40.0 / RATIO**2,
+         "total.idle_torque": TRUE["wheels.idle_torque"] / RATIO}
 # What each experiment is asked for; the rest is known to it.
 ASKED = {"acceleration": ("wheels.carried_mass", "total.viscous", "total.idle_torque"),
          "clamped": ("motor.inertia", "shaft.stiffness", "shaft.damping", "motor.coulomb"), "both": tuple(TRUTH)}
@@ -89,7 +90,8 @@ def information(kind: str, names: Sequence[str]) -> np.ndarray:
         ends = [mean_of(kind, {name: TRUTH[name] + side * step}, start) for side in (1.0, -1.0)]
         columns.append((ends[0] - ends[1]) / (2.0 * step))
     for i, size in enumerate((1e-2, 1e-6, 1e-2)[:len(start)]):
-        ends = [mean_of(kind, {}, [s + side * size * (j == i) for j, s in enumerate(start)]) for side in (1.0, -1.0)]
+        ends = [mean_of(kind, {}, [s + side * size * (j == i) for j, s in enumerate(start)])
+                for side in (1.0, -1.0)]
         columns.append((ends[0] - ends[1]) / (2.0 * size))
     one = simulate_linear(machine_of({}, kind == "clamped"), np.zeros(len(torque)), BUS_STEP,
                           State((0.0, 0.0), (0.0,), 0.0, 0.0), np.eye(1, len(torque))[0]).speeds[:, 0]

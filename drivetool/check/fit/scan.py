@@ -29,6 +29,7 @@ KEEP = 3  # places that are worth a fit
 ORDERS = 6000  # most orders looked at
 PERIODS = 2.0  # of a ripple that the motion must go through, for it to repeat
 HIGHEST = 0.45  # of the sampling rate, up to which a ripple is followed
+FOLLOWED = 0.5  # share of the samples, the slow ones, in which an order must be followed to be looked for
 LINES = 2000  # frequencies up to there at which its trace is known
 CELLS, SPEEDS = 1 << 17, 256  # of the angle and of the speed, in which orders are looked for
 
@@ -116,12 +117,12 @@ def likely_orders(base: Model) -> list[float]:
     """
     z, angles, speeds = innovations(base)
     reach = max(float(np.ptp(a)) for a in angles)
-    top = max(float(np.quantile(np.abs(v), 0.9)) for v in speeds)
-    if reach <= 0.0 or top <= 0.0:
+    usual = float(np.quantile(np.abs(np.concatenate(speeds)), FOLLOWED))
+    if reach <= 0.0 or usual <= 0.0:
         return []
     step = base.problem.traces[0].step
     spacing = np.pi / reach
-    high = HIGHEST * 2.0 * np.pi / step / top
+    high = HIGHEST * 2.0 * np.pi / step / usual
     grid = PERIODS * 2.0 * np.pi / reach + spacing * np.arange(ORDERS)
     grid = grid[grid < high]
     if not len(grid):  # it shakes faster than a ripple could be followed
@@ -131,13 +132,13 @@ def likely_orders(base: Model) -> list[float]:
     first = round(float(grid[0]) / spacing)
     upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
     for e, angle, speed in zip(z, angles, speeds, strict=True):
-        upper += _over_angle(_asked_for(e, response, lines, step), angle, reach)[first:first + len(grid)]
-        lower += _left_by(grid, speed, response, lines)
+        upper += _over_angle(asked_for(e, response, lines, step), angle, reach)[first:first + len(grid)]
+        lower += left_by(grid, speed, response, lines)
     scores = np.abs(upper) ** 2 / np.maximum(lower, 1e-300)
     return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
 
 
-def _asked_for(e: np.ndarray, response: np.ndarray, lines: np.ndarray, step: float) -> np.ndarray:
+def asked_for(e: np.ndarray, response: np.ndarray, lines: np.ndarray, step: float) -> np.ndarray:
     """(n,) torque on the motor that innovations (n, outputs) ask for: the adjoint of the filter over them.
 
     response  (LINES, outputs) of innovations to such a torque at the frequencies (LINES,)
@@ -163,10 +164,14 @@ def _over_angle(torque: np.ndarray, angle: np.ndarray, reach: float) -> np.ndarr
     return np.conj(np.fft.rfft(cells[:CELLS]))
 
 
-def _left_by(grid: np.ndarray, speed: np.ndarray, response: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """(k,) how much a torque of each order of a grid would leave in the innovations, by how often each speed is."""
+def left_by(grid: np.ndarray, speed: np.ndarray, response: np.ndarray, lines: np.ndarray,
+            weight: np.ndarray | None = None) -> np.ndarray:
+    """(k,) how much a torque of each order of a grid would leave in the innovations, by how often each speed is.
+
+    weight  (n,) of the samples of speed (n,); None: one each
+    """
     power = np.concatenate(([0.0], (np.abs(response) ** 2).sum(axis=1), [0.0]))
-    count, edge = np.histogram(np.abs(speed) / (2.0 * np.pi * lines[0]), SPEEDS)
+    count, edge = np.histogram(np.abs(speed) / (2.0 * np.pi * lines[0]), SPEEDS, weights=weight)
     at = np.clip(np.rint(np.outer(grid, 0.5 * (edge[1:] + edge[:-1]))), 0, LINES + 1).astype(int)
     return power[at] @ count
 

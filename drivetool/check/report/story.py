@@ -17,6 +17,7 @@ from drivetool.check.report.exhibits import exhibits_of
 from drivetool.check.report.facts import facts_of
 from drivetool.check.report.hum import hum
 from drivetool.check.report.model_run import run_model
+from drivetool.check.report.order_map import order_maps
 from drivetool.check.report.rattle import confirmed
 from drivetool.check.report.rules import DIFFERS, UNEXPLAINED, judged, spoils
 from drivetool.check.report.sentence import experiment_of, sentence_of
@@ -150,6 +151,7 @@ def _exhibits(search: Searched, before: Drive, gain: Gain) -> tuple[Exhibit, ...
             views.append(view_of(e.name, run_model(e, base, 1.5), run_model(e, after, 1.5)))
         except DriveToolError:
             continue
-    return exhibits_of(views, before.referred_inertia, search.rounds, gain.noise_floor) if views else ()
+    maps = order_maps(search.first.model, after.values, (views[0].units[1], views[0].units[2])) if views else ()
+    return (*exhibits_of(views, before.referred_inertia, search.rounds, gain.noise_floor), *maps) if views else ()
 
 
