@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from drivetool.finding_codes import checks, fits, records, tuning
+from drivetool.finding_codes import checks, fits, records, steady, tuning
 from drivetool.finding_codes.code import Code, Severity
 
 # Stage, in words -> its codes.
 STAGES: Mapping[str, Mapping[str, Code]] = MappingProxyType({
     "Reading and conditioning a recording": records.CODES,
-    "Identification": fits.CODES,
+    "Identification": steady.CODES | fits.CODES,
     "Validation and diagnosis": checks.CODES,
     "Controller tuning": tuning.CODES,
 })

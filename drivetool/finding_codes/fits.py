@@ -1,4 +1,4 @@
-"""Codes about identification: steady lines, spectra, black-box, grey-box and backlash fits."""
+"""Codes about identification: spectra, black-box, grey-box and backlash fits."""
 
 from drivetool.finding_codes.code import FAILURE, NOTE, NOTE_OR_WARNING, WARNING, WARNING_OR_FAILURE, Code
 
@@ -19,11 +19,6 @@ CODES = {
         "contradicts the estimated parameters: it is more than 4 standard deviations and 10 % off.",
         "State a known lag or dead time of the torque, or a filter of the speed; then use `greybox` and "
         "`diagnose`."),
-    "coulomb-body-unknown": Code(
-        NOTE,
-        "The Coulomb friction of the steady line is the sum over all bodies. Constant speeds do not tell on which "
-        "body it acts.",
-        "Record many slow reversals, or log the shaft torque."),
     "damping-not-told": Code(
         NOTE_OR_WARNING,
         "The estimated shaft damping is negative, which is not physical, and is set to zero. It is a warning "
@@ -116,26 +111,6 @@ CODES = {
         "The shaft torque was measured, and this record does not tell a body's friction to a third of itself. The "
         "value of the parameter file stands, and its covariance is propagated.",
         "Record steps about speeds that differ more, or name the parameter with `--free`."),
-    "friction-is-bent": Code(
-        WARNING,
-        "Over intervals of constant torque the friction is fitted as a line over the speed. The recordings tell a "
-        "square besides, by more than four standard deviations: drag of the air, or another law that bends.",
-        "Fit it with `greybox --free motor.drag` on the same recordings."),
-    "rotating-parts-unknown": Code(
-        WARNING,
-        "Intervals of constant torque tell what the motor accelerates in all. The inertia of a part of it is not "
-        "known, so that the stated mass or inertia has that part in it, and no interval.",
-        "Give the inertia with `--set`, or fit a recording with the load clamped beside this one."),
-    "slope-of-the-road": Code(
-        NOTE,
-        "A constant force acts along the way. The recordings drive one road up and down and their constant torques "
-        "differ, or the drive turns both ways and has an idle torque. Over the weight that is the slope.",
-        "Where the road is level, look for wind, a load or the temperature."),
-    "constant-torque-along": Code(
-        NOTE,
-        "Recordings at constant torque differ in their constant friction by more than noise explains, or the drive "
-        "turns both ways and has an idle torque.",
-        "Look for what changed between the recordings: a load, a slope, the temperature."),
     "gap-law": Code(
         NOTE,
         "Both published laws of a gap were fitted, and one leads by more than 7 of log likelihood: the damping is "
@@ -151,11 +126,6 @@ CODES = {
         "The uncertainty of held values, propagated from the parameter file, contributes more than twice the "
         "fit's own uncertainty to the stated interval.",
         "Free the held parameters with `--free`, if this record determines them better."),
-    "idle-and-coulomb-together": Code(
-        NOTE,
-        "All steady intervals have one direction. Idle torque and Coulomb friction are not identifiable "
-        "separately; the idle torque holds their sum.",
-        "Add steady intervals in the other direction."),
     "impossible-conversion": Code(
         FAILURE,
         "The fitted transfer function is not that of a drive: an inertia or a stiffness comes out negative or "
@@ -201,16 +171,6 @@ CODES = {
         "one-step prediction.",
         "Run `diagnose`. The intervals of the default fit include the disagreement as `std_structure`; all "
         "others are conditional on the structure."),
-    "negative-coulomb": Code(
-        NOTE_OR_WARNING,
-        "The Coulomb friction of the steady line is negative, which is not physical, and is set to zero. More "
-        "than two standard deviations below zero is a warning.",
-        "Check for a load that changes, or for a wrong sign of torque or speed."),
-    "negative-viscous": Code(
-        NOTE_OR_WARNING,
-        "The viscous friction of the steady line is negative and is set to zero. More than two standard "
-        "deviations below zero is a warning: friction may fall with speed (Stribeck effect).",
-        "Check for the Stribeck effect, for a load that changes, or for a wrong sign."),
     "no-conversion": Code(
         NOTE,
         "The polynomial model has no equivalent chain of masses: its order, or its zeros and poles, do not fit "
@@ -263,11 +223,6 @@ CODES = {
         "The output has power on odd spectral lines that are not excited: an odd nonlinearity, as of Coulomb "
         "friction or backlash. Above -40 dB of the signal it is a warning.",
         "Look for Coulomb friction or backlash; the linear model holds at this amplitude only."),
-    "one-level": Code(
-        WARNING,
-        "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
-        "separately.",
-        "Record steady intervals at two or more speeds, far apart."),
     "order-too-high": Code(
         WARNING,
         "A pole and a zero of the polynomial model cancel within their uncertainty. The order is higher than the "
@@ -313,11 +268,6 @@ CODES = {
         "A few samples have one-step prediction errors above 8 robust standard deviations: sensor glitches or "
         "impacts. They are left out and the fit is repeated.",
         "Look at the stated instants; run `diagnose` if impacts are possible."),
-    "scatter-beyond-noise": Code(
-        WARNING,
-        "The steady points scatter about the friction line more than their noise explains, by a chi-square test "
-        "at 1 %. The intervals are widened accordingly.",
-        "Look at the picture: a bend is nonlinear friction, scatter at one speed is a load that changes."),
     "shaft-not-excited": Code(
         FAILURE,
         "One rigid body explains the record as well as two masses with a shaft. The oscillation of the shaft is "
@@ -344,10 +294,6 @@ CODES = {
         "The fit minimises the simulation error. Its intervals assume a torque without noise and are too narrow "
         "where the torque is noisy.",
         "Use `--criterion innovations`."),
-    "standstill-left-out": Code(
-        NOTE,
-        "Steady intervals at standstill are left out, since static friction takes any torque there.",
-        "Nothing."),
     "start-contradicted": Code(
         WARNING,
         "The first samples of a recording contradict the start state stated with `--start`, by more than 8 "

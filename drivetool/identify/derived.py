@@ -27,8 +27,8 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
 
     Where a body has a radius, the friction of the whole drive as forces there. With a shaft, and with all its
     values, resonances and the total inertia. Resonances and anti-resonances from motor torque to motor speed are
-    those of the undamped drive; the damping ratio is that of the poles and zeros, so that the friction of the bodies
-    counts. No interval where a figure moves with a parameter that the record did not tell.
+    those of the undamped drive. The damping ratio is that of the poles and zeros, with the bodies' friction.
+    No interval where a figure moves with a parameter that the record did not tell.
 
     drive    with its values
     lines    what was told of its parameters; covariance: of those that have intervals

@@ -51,7 +51,7 @@ def base_with(second):
     return replace(base, task=task, problem=task.problem(), noise=replace(base.noise, scale=scale))
 
 
-def left_by(base, torque):
+def innovations_left(base, torque):
     """(n, outputs) what torques (n, 2) on motor and load leave in the whitened innovations."""
     trace = base.problem.traces[0]
     acting = replace(base.problem, traces=(replace(trace, inputs=trace.inputs + torque),))
@@ -66,7 +66,7 @@ def test_a_step_leaves_in_the_innovations_what_the_scan_looks_for(memory, slow, 
     base = replace(base, noise=replace(base.noise, memory=memory, slow=slow))
     torque = np.zeros((base.problem.traces[0].size, 2))
     torque[AT:, 1] = 1.0
-    left = left_by(base, torque)[AT:]
+    left = innovations_left(base, torque)[AT:]
     shape = _step_shape(base, len(left))
     np.testing.assert_allclose(shape, left, rtol=0.0, atol=2e-3 * np.abs(left).max())
 
@@ -76,7 +76,7 @@ def test_a_torque_of_the_motor_leaves_what_the_scan_for_ripples_looks_for(second
     base, hertz = base_with(second), 20.0
     t = base.problem.traces[0].step * np.arange(base.problem.traces[0].size)
     wave = 2.0 * np.pi * hertz * t
-    left = left_by(base, np.column_stack([np.cos(wave), 0.0 * t]))[AT:]
+    left = innovations_left(base, np.column_stack([np.cos(wave), 0.0 * t]))[AT:]
     response = disturbance_response(base, np.array([hertz]))[0]
     expected = np.real(response * np.exp(1j * wave[AT:])[:, None])
     np.testing.assert_allclose(left, expected, rtol=0.0, atol=5e-3 * np.abs(expected).max())

@@ -140,6 +140,13 @@ def test_there_and_back_tells_friction_from_slope():
     assert note.evidence["slope_percent"] == pytest.approx(0.4, abs=0.02)
 
 
+def test_without_a_mass_a_constant_torque_is_no_slope():
+    up, down = (bus(name) for name in ("uphill", "downhill"))
+    (note,) = [f for f in steady([up, down], two_mass().with_values({"motor.inertia": 4.5, "shaft.ratio": 8.79}),
+                                 METHOD).findings if f.code == "constant-torque-along"]
+    assert abs(note.evidence["torque"] - MASS * 9.80665 * 0.005 * RADIUS / 8.79) < 3.0 * note.evidence["std"]
+
+
 def test_drag_of_the_air_is_said():
     """300 Nm of it at 100 rad/s of the motor, a third of the friction, are far beyond what noise bends."""
     n = round(10.0 / BUS_STEP)

@@ -1,0 +1,60 @@
+"""Codes about steady speeds and constant torques: friction lines, masses, slopes."""
+
+from drivetool.finding_codes.code import NOTE, NOTE_OR_WARNING, WARNING, Code
+
+CODES = {
+    "constant-torque-along": Code(
+        NOTE,
+        "Recordings at constant torque differ in their constant friction by more than noise explains, or the drive "
+        "turns both ways and has an idle torque.",
+        "Look for what changed between the recordings: a load, a slope, the temperature."),
+    "coulomb-body-unknown": Code(
+        NOTE,
+        "The Coulomb friction of the steady line is the sum over all bodies. Constant speeds do not tell on which "
+        "body it acts.",
+        "Record many slow reversals, or log the shaft torque."),
+    "friction-is-bent": Code(
+        WARNING,
+        "Over intervals of constant torque the friction is fitted as a line over the speed. The recordings tell a "
+        "square besides, by more than four standard deviations: drag of the air, or another law that bends.",
+        "Fit it with `greybox --free motor.drag` on the same recordings."),
+    "idle-and-coulomb-together": Code(
+        NOTE,
+        "All steady intervals have one direction. Idle torque and Coulomb friction are not identifiable "
+        "separately; the idle torque holds their sum.",
+        "Add steady intervals in the other direction."),
+    "negative-coulomb": Code(
+        NOTE_OR_WARNING,
+        "The Coulomb friction of the steady line is negative, which is not physical, and is set to zero. More "
+        "than two standard deviations below zero is a warning.",
+        "Check for a load that changes, or for a wrong sign of torque or speed."),
+    "negative-viscous": Code(
+        NOTE_OR_WARNING,
+        "The viscous friction of the steady line is negative and is set to zero. More than two standard "
+        "deviations below zero is a warning: friction may fall with speed (Stribeck effect).",
+        "Check for the Stribeck effect, for a load that changes, or for a wrong sign."),
+    "one-level": Code(
+        WARNING,
+        "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
+        "separately.",
+        "Record steady intervals at two or more speeds, far apart."),
+    "rotating-parts-unknown": Code(
+        WARNING,
+        "Intervals of constant torque tell what the motor accelerates in all. The inertia of a part of it is not "
+        "known, so that the stated mass or inertia has that part in it, and no interval.",
+        "Give the inertia with `--set`, or fit a recording with the load clamped beside this one."),
+    "scatter-beyond-noise": Code(
+        WARNING,
+        "The steady points scatter about the friction line more than their noise explains, by a chi-square test "
+        "at 1 %. The intervals are widened accordingly.",
+        "Look at the picture: a bend is nonlinear friction, scatter at one speed is a load that changes."),
+    "slope-of-the-road": Code(
+        NOTE,
+        "A constant force acts along the way. The recordings drive one road up and down and their constant torques "
+        "differ, or the drive turns both ways and has an idle torque. Over the weight that is the slope.",
+        "Where the road is level, look for wind, a load or the temperature."),
+    "standstill-left-out": Code(
+        NOTE,
+        "Steady intervals at standstill are left out, since static friction takes any torque there.",
+        "Nothing."),
+}
