@@ -74,6 +74,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     """Open, estimate, deliver; the exit code."""
     from drivetool.files.result_file import estimate_file
     from drivetool.identify.options import Options
+    from drivetool.identify.shaft_torque.channel import check_shaft_torque
     from drivetool.identify.unused import used_by
     from drivetool.logs.experiment import no_copies
 
@@ -85,6 +86,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         for name in (*options.hold, *options.free):
             if name != "all":
                 drive.quantity(name)
+    check_shaft_torque(opened.experiments, drive)
     options = replace(options, free=(*options.free, *apart.free),
                       known=opened.loaded.covariance(drive, single=True),
                       start=replace(start_of(job.start, drive), records=apart.starts))

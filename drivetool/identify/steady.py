@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.errors import BadOption, BadRecording, Finding, NotEnoughData
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.rates import at_rates
@@ -51,6 +51,10 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
 
         return acceleration(at_rates("steady", experiments, options), drive, options)
     experiments = at_rates("steady", experiments, options)
+    if not any(np.nanmax(np.abs(e.signal("motor_torque", "the friction")), initial=0.0) > 0.0 for e in experiments):
+        raise BadRecording(
+            "a motor torque other than zero", f"zeros throughout in {', '.join(e.name for e in experiments)}",
+            "Check the channel. Of a coast-down greybox tells ratios; for friction record speeds under power.")
     intervals = [i for experiment in experiments for i in find_intervals(experiment)]
     if not intervals:
         raise NotEnoughData(
