@@ -10,6 +10,7 @@ import numpy as np
 
 from drivetool.drive.simulate import Filtered, Trace
 from drivetool.errors import BadOption
+from drivetool.identify.attempts import attempted, that_held
 from drivetool.identify.cooling import cooled, observers, sides
 from drivetool.identify.innovations import Fit, fit_innovations, settle, sought_everywhere
 from drivetool.identify.least_squares import Solution, approach, solve
@@ -143,34 +144,38 @@ def _simply(task: Task, problem: Problem, starts: Sequence[Mapping[str, float]])
     several = len(starts) > 1
     most = SCREEN if several else 12
 
-    def direct(values: Mapping[str, float]) -> list[tuple[str, Fit]]:
+    def direct(values: Mapping[str, float]) -> list[tuple[str, Fit | None]]:
         start = task.at(values)
         point = first_point(start.drive, problem, task.roles)
-        return [(way, fit_innovations(problem, point, linear=None if way == "direct" else start.linear_problem(),
-                                      most=most)) for way in _ways(start)]
+        return [(way, attempted(lambda way=way: fit_innovations(
+            problem, point, linear=None if way == "direct" else start.linear_problem(), most=most)))
+            for way in _ways(start)]
 
-    fits: list[Fit] = []
-    tried = []
+    found: list[tuple[dict, Fit | None]] = []
+
+    def add(way: str, told: Mapping[str, float], make: Callable[[], Fit]) -> None:
+        found.append(({"way": way, **told}, attempted(make)))
+
     with ThreadPoolExecutor(AT_ONCE) as pool:
         begun = list(counted("starts", pool.map(direct, starts), len(starts)))
-    for values, found in zip(starts, begun, strict=True):
+    for values, led in zip(starts, begun, strict=True):
         start, told = task.at(values), {k: float(v) for k, v in values.items()}
-        fits += [fit for _, fit in found]
-        tried += [{"way": way, **told} for way, _ in found]
-        if has_shape(task):
+        found += [({"way": way, **told}, fit) for way, fit in led]
+        if has_shape(task) and led[-1][1] is not None:
             rough = first_point(balanced(start).drive, problem, task.roles)
-            for place, noise in resonances(problem, rough, fits[-1]):
-                fits.append(fit_innovations(problem, place, noise, arrived=True, most=most))
-                tried.append({"way": "along the stiffness", **told})
-            best = min(fits, key=lambda f: f.value)
+            for place, noise in resonances(problem, rough, led[-1][1]):
+                add("along the stiffness", told, lambda p=place, n=noise: fit_innovations(
+                    problem, p, n, arrived=True, most=most))
+            best = min((fit for _, fit in found if fit is not None), key=lambda f: f.value)
             if looks_coloured(filtered(problem, best.point, best.noise, keep=False)):
                 # What is left repeats: the drive lacks something, or the fit went astray, as slow cooling does not.
-                fits.append(by_cooling(start, problem, None, 10.0, most))
-                fits.append(_through_simulation(start, problem, most))
-                tried += [{"way": way, **told} for way in ("cooled", "simulated")]
+                add("cooled", told, lambda s=start: by_cooling(s, problem, None, 10.0, most))
+                add("simulated", told, lambda s=start: _through_simulation(s, problem, most))
+    held = [(entry, fit) for entry, fit in found if fit is not None]
+    fits = that_held([fit for _, fit in found])
     best = settle(problem, _polished(problem, fits) if several else min(fits, key=lambda f: f.value))
-    tried = [_told(task, entry, fit, best) for entry, fit in zip(tried, fits, strict=True)]
-    return Outcome(task, problem, best.solution, best, tuple(tried), best.converged)
+    tried = tuple(_told(task, entry, fit, best) for entry, fit in held)
+    return Outcome(task, problem, best.solution, best, tried, best.converged)
 
 
 def _through_simulation(start: Task, problem: Problem, most: int) -> Fit:

@@ -16,6 +16,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from drivetool.identify.attempts import attempted, that_held
 from drivetool.identify.cooling import SHAPE, frozen_value, observers
 from drivetool.identify.least_squares import Solution, schur
 from drivetool.identify.noise import Noise, excerpt, natural_ratio
@@ -67,26 +68,30 @@ def searched(task: Task, starts: Sequence[Mapping[str, float]], seed: int,
     found: list[Descent[T]] = []
     ends: list[Task] = []
 
-    def made(index: int, way: str, hot: float) -> tuple[Descent[T], Task]:
+    def made(index: int, way: str, hot: float) -> tuple[Descent[T], Task] | None:
         start = candidates[min(index, len(candidates) - 1)]
-        value, end, there = descend(start, way, hot, min((d.value for d in found), default=np.inf))
+        lowest = min((d.value for d in found), default=np.inf)
+        if (led := attempted(lambda: descend(start, way, hot, lowest))) is None:
+            return None
+        value, end, there = led
         return Descent(dict(zip(task.free, values_of(start).tolist(), strict=True)), way, value, end), there
 
     ways = WAYS[: most or len(WAYS)]
     with ThreadPoolExecutor(AT_ONCE) as pool:
         pair = list(pool.map(lambda way: made(*way), ways[:AT_ONCE]))
     for k, way in enumerate(counted("starts", ways, len(ways))):
-        descent, there = pair[k] if k < len(pair) else made(*way)
-        found.append(descent)
-        ends.append(there)
+        if (descent := pair[k] if k < len(pair) else made(*way)) is None:
+            continue
+        found.append(descent[0])
+        ends.append(descent[1])
         if len(found) % EVERY == 0:
             i = min(range(len(found)), key=lambda j: found[j].value)
-            value, end, there = descend(ends[i], *AGAIN, found[i].value)
-            if value < found[i].value:
-                found[i], ends[i] = replace(found[i], value=value, end=end), there
+            again = attempted(lambda i=i: descend(ends[i], *AGAIN, found[i].value))
+            if again is not None and again[0] < found[i].value:
+                found[i], ends[i] = replace(found[i], value=again[0], end=again[1]), again[2]
         if most is None and confirmed(found, gap):
             break
-    return found
+    return that_held(found or [None] * len(ways))
 
 
 def confirmed(found: Sequence[Descent[T]], gap: Callable[[T, T], float]) -> bool:

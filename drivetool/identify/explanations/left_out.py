@@ -12,6 +12,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
+from drivetool.identify.attempts import BROKEN
 from drivetool.identify.contact import spring_of
 from drivetool.identify.engine import by_cooling, coloured, looks_coloured
 from drivetool.identify.estimate import Estimate
@@ -40,7 +41,6 @@ TIMES = np.geomspace(1.15, 4.0, 8)  # frequencies of a third mass over the reson
 TRACE, BROAD = 0.01, 0.1  # share and damping ratio of a third mass that hardly changes the motion
 SPLIT = (0.05, 0.4)  # least and largest share to start a fit from
 PROMISING = 2  # frequencies that are worth a fit
-BROKEN = (np.linalg.LinAlgError, FloatingPointError)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,61 @@
+"""A start that breaks is passed over; a step ends only where all of them do."""
+
+import numpy as np
+import pytest
+
+from drivetool.identify import engine, search
+from drivetool.identify.attempts import attempted, that_held
+from drivetool.identify.engine import by_innovations
+from tests.identify.test_foretold import drawn
+
+
+def broken(*_, **__):
+    raise np.linalg.LinAlgError("singular")
+
+
+def test_what_breaks_is_none_and_what_is_wrong_is_raised():
+    assert attempted(lambda: 3) == 3 and attempted(broken) is None
+    with pytest.raises(ZeroDivisionError):
+        attempted(lambda: 1 // 0)
+    assert that_held([None, 2]) == [2] and that_held([]) == []
+    with pytest.raises(np.linalg.LinAlgError, match="none of 2 starts"):
+        that_held([None, None])
+
+
+def test_a_broken_start_of_a_plain_fit_is_passed_over(monkeypatch):
+    task, calls, plain = drawn("white", "", 2, 52), [], engine.fit_innovations
+
+    def first_breaks(*words, **more):
+        calls.append(1)
+        return broken() if len(calls) == 1 else plain(*words, **more)
+
+    expected = by_innovations(task, [{}])
+    monkeypatch.setattr(engine, "fit_innovations", first_breaks)
+    found = by_innovations(task, [{}, {}])
+    np.testing.assert_allclose(found.solution.point.values, expected.solution.point.values, rtol=1e-3)
+    monkeypatch.setattr(engine, "fit_innovations", broken)
+    with pytest.raises(np.linalg.LinAlgError, match="none of"):
+        by_innovations(task, [{}])
+
+
+@pytest.mark.parametrize("breaks", [(0,), (0, 1, 3), tuple(range(10))])
+def test_broken_descents_of_a_search_are_passed_over(monkeypatch, breaks):
+    """Ten ways, of which those named break; the others all end at the same place."""
+    monkeypatch.setattr(search, "ranked", lambda task, starts, seed: [task] * 6)
+    task, ways = drawn("white", "", 2, 52), {(w, h): i for i, (_, w, h) in reversed(list(enumerate(search.WAYS)))}
+    made = []
+
+    def descend(start, way, hot, lowest):
+        made.append(way)
+        if ways.get((way, hot), 0) in breaks or len(breaks) == 10:
+            broken()
+        return 1.0, "place", start
+
+    def found():
+        return search.searched(task, [{}], 1, descend, lambda one, other: 0.0)
+
+    if len(breaks) == 10:
+        with pytest.raises(np.linalg.LinAlgError, match="none of 10"):
+            found()
+    else:
+        assert [d.end for d in found()] == ["place", "place"]
