@@ -59,7 +59,8 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     if not intervals:
         raise NotEnoughData(
             "intervals of constant speed and torque", f"none in {', '.join(e.name for e in experiments)}",
-            "Record with the speed controller on and hold each of several speeds until the torque settles.")
+            "Record with the speed controller on, and hold each of several speeds until the torque settles. Where "
+            "a drive accelerates at constant torque, and coasts, take --method acceleration.")
     tasks = _tasks(intervals, drive, options)
     results = []
     for task in tasks:
