@@ -31,7 +31,7 @@ from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import Roles, first_states, led_in, roles_of
-from drivetool.identify.shaft_torque.gap_laws import both_laws, details_of, laws_told
+from drivetool.identify.shaft_torque.gap_laws import both_laws, both_laws_from, details_of, laws_told
 from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, has_sides, with_frictions
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals
@@ -87,6 +87,9 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         white = friction_told(white, drive, options, asked)
     else:
         white, least = _with_linear(loose, gaps, options, asked)
+    if laws is None and not least and (laws := both_laws_from(white, asked)) is not None:
+        # The other law where it leads; else what was fitted, its damping as it was held.
+        white = laws.outcome if laws.outcome.drive.damping_law != drive.damping_law else white
     fit = explained(white, options, bool(least))
     outcome, explanation = fit.outcome, fit.explanation
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None

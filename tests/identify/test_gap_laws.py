@@ -103,3 +103,28 @@ def test_where_the_damping_is_held_it_stays():
     assert abs(found.drive.values["shaft.half_gap"] - 0.131) < 2.6e-4
 
 
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("own", ["inside", "always"])
+@pytest.mark.parametrize("law", ["inside", "always"])
+def test_the_law_is_named_where_the_motor_alone_is_measured(law, own):
+    """The drive is described by either law; gap and damping come out by the machine's."""
+    machine = rig("heavy", law, 2.01)
+    task = task_of(machine, 6, roles=ROLES[:2])
+    drive = replace(task.drive, damping_law=own, values=task.drive.values | {"shaft.half_gap": 0.1})
+    estimate = backlash(task.experiments, drive, Options(free=("shaft.damping",)))
+    (told,) = [f for f in estimate.findings if f.code == "gap-law"]
+    assert estimate.drive.damping_law == law and told.evidence["log_likelihood_lead"] > TOLD
+    lines = {p.name: p for p in estimate.parameters}
+    for name, true in (("shaft.half_gap", 0.131), ("shaft.damping", 2.01)):
+        assert abs(lines[name].value - true) < 3.0 * lines[name].std, name
+    assert "dead_stretches" not in estimate.details
+
+
+@pytest.mark.slow
+def test_a_held_damping_and_a_closed_gap_ask_for_no_law():
+    task = task_of(rig("heavy", "inside", 2.01), 6, roles=ROLES[:2])
+    drive = replace(task.drive, values=task.drive.values | {"shaft.half_gap": 0.1, "shaft.damping": 0.0})
+    estimate = backlash(task.experiments, drive, Options())
+    assert not [f for f in estimate.findings if f.code.startswith("gap-law")]

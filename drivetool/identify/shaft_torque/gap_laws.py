@@ -32,11 +32,11 @@ WORDS = {"inside": "the damping belongs to the contact", "always": "the shaft is
 
 @dataclass(frozen=True)
 class BothLaws:
-    """What came of both laws: the better outcome; of each law its outcome; what the dead stretches told."""
+    """What came of both laws: the better outcome; of each law its outcome; what dead stretches told, if any."""
 
     outcome: Outcome
     each: Mapping[str, Outcome]
-    seen: Crossings
+    seen: Crossings | None
 
     @property
     def lead(self) -> float:
@@ -77,6 +77,37 @@ def both_laws(task: Task, options: Options) -> BothLaws | None:
     both = BothLaws(best, each, seen[0])
     # Where the record does not tell, the law of the file stays, if its fit settled.
     return replace(both, outcome=own) if own is not None and own.converged and both.lead <= TOLD else both
+
+
+def both_laws_from(outcome: Outcome, options: Options) -> BothLaws | None:
+    """The fits of both laws from where one of them led, where the motor alone was measured.
+
+    The shaft damping is free in both, unless it was asked to be held. None: no single gap that was fitted, no
+    damping, or a fit that did not settle.
+
+    outcome  of the drive's own law, whatever was free
+    """
+    task = outcome.task.at_point(outcome.solution.point)
+    shafts = task.drive.shafts
+    gap, damping = f"{shafts[0]}.half_gap", f"{shafts[0]}.damping"
+    if len(shafts) != 1 or options.criterion not in ("auto", "innovations") or outcome.fit is None \
+            or not outcome.converged or gap not in task.free or not task.drive.value(damping) \
+            or not task.drive.value(gap) or any(AT in n for n in (*task.free, *task.drive.values)):
+        return None
+    names = {*task.free, damping} - set(options.hold)
+    free = tuple(n for n in task.drive.quantities if n in names)
+    each: dict[str, Outcome] = {}
+    for law in get_args(DampingLaw):
+        begun = replace(task, free=free, drive=replace(task.drive, damping_law=law))
+        if (found := _tried(begun, MORE, outcome.fit.noise)) is not None and found.converged:
+            each[law] = found
+    own = task.drive.damping_law
+    if own not in each:
+        return None
+    best = min(each.values(), key=_value)
+    both = BothLaws(best, each, None)
+    # Where the record does not tell, or the damping did not matter, the fit that was made stays.
+    return both if best.drive.damping_law != own and both.lead > TOLD else replace(both, outcome=each[own])
 
 
 def _starts(task: Task, shaft: str, law: DampingLaw, seen: Crossings, names: set[str]) -> list[Task]:
@@ -168,9 +199,11 @@ def law_told(both: BothLaws, shaft: str) -> Finding:
 
 def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str]) -> list[Finding]:
     """Which law it is, and what was fitted besides what was asked for."""
-    more = [n for n in outcome.task.free if n not in free]
     if both is None:
         return []
+    more = [n for n in outcome.task.free if n not in free]
+    if both.seen is None and f"{outcome.drive.shafts[0]}.damping" not in more:  # the fit is as it was asked for
+        more = []
     return [law_told(both, outcome.drive.shafts[0]), *([] if not more else [Finding(
         "note", "fitted-again",
         f"{', '.join(more)} were fitted together with the half gap: over many passages held values a per cent off "
@@ -179,5 +212,7 @@ def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str]) -> l
 
 def details_of(both: BothLaws) -> dict[str, object]:
     """What the dead stretches told, beside what was fitted."""
+    if both.seen is None:
+        return {}
     return {"dead_stretches": {"half_gap": both.seen.half_gap, "spread": both.seen.spread,
                                "damping_in_gap": both.seen.open, "crossings": both.seen.count}}
