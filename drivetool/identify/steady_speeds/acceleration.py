@@ -17,6 +17,7 @@ from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
+from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.identify.steady_speeds.road import mean_of_recordings, slope_of_the_road
 from drivetool.identify.steady_speeds.spans import Span, averaged, first_values, spans_of, turns_both_ways
 from drivetool.logs.experiment import Experiment
@@ -79,7 +80,8 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
                  **({"idle_torque_by_record": found.by_record} if found.by_record else {})},
         findings=(*_bent(shared, cut, start, asked), *road, *_of_the_rest(rigid, estimate, drive),
                   *estimate.findings),
-        exhibits=(_picture(spans, found.estimate.drive, drive), *estimate.exhibits))
+        exhibits=(_picture(spans, found.estimate.drive, drive), *(
+            _record(e, [s for s in spans if s.recording == k], drive) for k, e in enumerate(experiments))))
 
 
 def rigid_of(drive: Drive, options: Options) -> Rigid:
@@ -243,15 +245,25 @@ def _plain(found: Estimate, name: str) -> dict[str, float | None]:
 def _picture(spans: Sequence[Span], rigid: Drive, drive: Drive) -> Exhibit:
     """What is left of the torque for friction, over the speed."""
     value = {n: rigid.value(f"motor.{n}") for n in ("inertia", "viscous", "idle_torque", "coulomb")}
-    curves = {}
-    for s in spans:
-        label = f"measured, {s.torque:.4g} {drive.torque_unit}"
-        old = curves.get(label, (np.empty(0), np.empty(0)))
-        curves[label] = (np.append(old[0], s.speed), np.append(old[1], s.torque - value["inertia"] * s.slope))
     speed = np.concatenate([s.speed for s in spans])
+    left = np.concatenate([s.torque - value["inertia"] * s.slope for s in spans])
+    curves = {"measured": (speed, left)}
     for sign, name in ((1.0, "fit forward"), (-1.0, "fit backward")):
         if side := [float(w) for w in speed if np.sign(w) == sign]:
             ends = np.array([min(side), max(side)])
             curves[name] = (ends, value["idle_torque"] + value["viscous"] * ends + sign * value["coulomb"])
     return Exhibit("steady", "Torque less what accelerates", f"speed [{drive.motion_unit}/s]",
                    f"torque [{drive.torque_unit}]", curves)
+
+
+def _record(experiment: Experiment, spans: Sequence[Span], drive: Drive) -> Exhibit:
+    """The recording with its intervals of constant torque marked."""
+    time, speed = experiment.time, speed_of(experiment, "motor", "the picture")
+    marked = np.full(len(speed), np.nan)
+    for s in spans:
+        marked[s.first:s.last] = speed[s.first:s.last]
+    return Exhibit(
+        "record", f"Intervals of constant torque in {experiment.name}", "time [s]",
+        f"motor speed [{drive.motion_unit}/s]",
+        {"measured speed": (time, speed), "intervals of constant torque": (time, marked),
+         f"torque [{drive.torque_unit}]": (time, experiment.signals["motor_torque"])})
