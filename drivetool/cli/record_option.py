@@ -77,6 +77,8 @@ def differing(job: Job, experiments: Sequence[Experiment], drive: Drive) -> Diff
         found = _with_label(found, e)
         label = next(name for name, sha in found.drive.records.items() if sha == e.sha256)
         kind, _, rest = word.partition("=")
+        if kind.strip() == CLAMPED and not rest.strip():
+            raise BadOption(f"a body after {CLAMPED}=", f"'{word}'", DO, found.drive.bodies)
         if kind.strip() == START:
             states.setdefault(e.number, []).append(rest)
         elif kind.strip() == FREE:
@@ -167,6 +169,8 @@ def _clamped(found: Differing, label: str, body: str, e: Experiment) -> Differin
 def _stated(found: Differing, label: str, word: str) -> Differing:
     """A parameter whose value in the recording is known."""
     kind = word.partition("=")[0].strip()
+    if kind.endswith(f".{CLAMPED}"):
+        raise BadOption(f"{CLAMPED}=BODY after {OPTION} FILE", f"'{word}'", DO)
     _no_sum_of_parts(found.drive, kind)
     drive = _in_parts(found.drive, kind)
     with as_usage():

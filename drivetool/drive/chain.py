@@ -136,7 +136,10 @@ class Drive:
         """The drive with some values replaced; a total and its parts displace each other."""
         merged = dict(self.values)
         for name, value in values.items():
-            low, high = self.quantity(name).bounds
+            (low, high), choice = self.quantity(name).bounds, self.quantity(name).choice
+            if choice and value not in choice:
+                raise BadParameters(f"{name} of {' or '.join(f'{v:g}' for v in choice)}", f"{value:g}",
+                                    "Correct it.")
             if not low <= value <= high:
                 raise BadParameters(
                     f"{name} between {low:g} and {high:g} {self.unit(name)}",

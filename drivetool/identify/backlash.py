@@ -87,8 +87,9 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         white = friction_told(white, drive, options, asked)
     else:
         white, least = _with_linear(loose, gaps, options, asked)
-    if laws is None and not least and (laws := both_laws_from(white, asked)) is not None:
-        # The other law where it leads; else what was fitted, its damping as it was held.
+    # Of a fit that may be astray, neither law would be the machine's.
+    laws = both_laws_from(white, asked) if laws is None and not least and not unsettled(white) else laws
+    if laws is not None and laws.seen is None:  # the other law where it leads; else what was asked for
         white = laws.outcome if laws.outcome.drive.damping_law != drive.damping_law else white
     fit = explained(white, options, bool(least))
     outcome, explanation = fit.outcome, fit.explanation

@@ -16,6 +16,8 @@ from drivetool.identify.results import Z95
 SHAPE = (".inertia", ".carried_mass", ".stiffness")
 # Read off the machine. What is fitted is said in their terms: a figure of the whole does not move with them.
 GEOMETRY = (".ratio", ".radius")
+# Kind of force -> friction it is, unit, power of the lever.
+FORCES = {"constant": ("idle_torque", "N", 1), "coulomb": ("coulomb", "N", 1), "viscous": ("viscous", "N s/m", 2)}
 STEP = 1e-3  # of a standard deviation, by which a parameter is moved
 ROUNDING = 1e-9  # relative, below which a standard deviation is none
 COUNTS = 1e-2  # of a figure, that an unknown parameter must move it by when it changes by itself
@@ -42,10 +44,9 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
         return ()
     if not figures:
         return ()
-    # Of values that were all held or guessed nothing follows that would have an interval.
     covariance = _finite(covariance)
-    if covariance is not None and not any(n.endswith(SHAPE) for n in covariance.names):
-        covariance = None
+    # Of shapes that were all held or guessed nothing follows that would have an interval.
+    shaped = covariance is not None and any(n.endswith(SHAPE) for n in covariance.names)
     known = () if covariance is None else covariance.names
     unknown = [p for p in lines if p.std is None and not (p.status == "held" and p.name in exact)
                and AT not in p.name and p.name in drive.values and not p.name.endswith(GEOMETRY)]
@@ -58,14 +59,16 @@ def derived(drive: Drive, lines: Sequence[Parameter], covariance: Covariance | N
     slopes = slopes.reshape(len(known), len(figures))
     found = []
     for k, (name, (value, unit)) in enumerate(figures.items()):
-        variance = 0.0 if covariance is None else float(slopes[:, k] @ covariance.matrix @ slopes[:, k])
+        told = covariance is not None and (shaped or name.partition("_")[0] in FORCES)
+        variance = float(slopes[:, k] @ covariance.matrix @ slopes[:, k]) if told else 0.0
         if blind[k] or not ROUNDING * abs(value) < np.sqrt(max(variance, 0.0)) < np.inf:
             reason = (f"it depends on {', '.join(blind[k])}, without an interval here" if blind[k]
                       else "none of what it depends on was fitted in this step")
             found.append(Parameter(name, value, unit, status="held", reason=reason))
             continue
         std = float(np.sqrt(variance))
-        found.append(Parameter(name, value, unit, None, std, (value - Z95 * std, value + Z95 * std)))
+        low = 0.0 if name.startswith(("coulomb_", "viscous_")) else -np.inf  # as the friction itself
+        found.append(Parameter(name, value, unit, None, std, (max(value - Z95 * std, low), value + Z95 * std)))
     return tuple(found)
 
 
@@ -99,8 +102,7 @@ def _forces(drive: Drive) -> dict[str, tuple[float, str]]:
     if owner is None or (drive.torque_unit, drive.motion_unit) != ("Nm", "rad"):
         return found
     lever = drive.turns()[drive.bodies.index(owner)] / drive.values[f"{owner}.radius"]  # of the motor per metre
-    for kind, suffix, unit, power in (("constant", "idle_torque", "N", 1), ("coulomb", "coulomb", "N", 1),
-                                      ("viscous", "viscous", "N s/m", 2)):
+    for kind, (suffix, unit, power) in FORCES.items():
         names = [f"total.{suffix}", *(f"{b}.{suffix}" for b in drive.bodies)]
         if any(drive.values.get(n) for n in names):
             felt = drive.values.get(names[0], drive.felt(suffix))

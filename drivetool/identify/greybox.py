@@ -37,7 +37,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.outliers import without_outliers
 from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
-from drivetool.identify.recordings.clamped import always_clamped, with_first_values
+from drivetool.identify.recordings.clamped import beyond_clamps, with_first_values
 from drivetool.identify.setup import Roles, led_in, reverses, roles_of
 from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, with_frictions
 from drivetool.identify.shown import told_by, worth_of_shafts
@@ -141,11 +141,11 @@ def default_free(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, 
     names = [f"{b}.{'carried_mass' if drive.value(f'{b}.carried_mass') else 'inertia'}" for b in drive.bodies]
     for shaft in drive.shafts:
         names += [f"{shaft}.stiffness", f"{shaft}.damping"]
-    clamped = always_clamped(drive, experiments)
-    for total, suffix in () if clamped else TOTALS.items():
+    hidden = beyond_clamps(drive, experiments)
+    for total, suffix in () if hidden else TOTALS.items():
         parts = [f"{b}.{suffix}" for b in drive.bodies]
         names += [total] if total in drive.values and len(parts) > 1 else parts
-    names = [n for n in names if n.partition(".")[0] not in clamped]
+    names = [n for n in names if n.partition(".")[0] not in hidden]
     coulomb = [f"{b}.coulomb" for b in drive.bodies if (drive.value(f"{b}.coulomb") or 0.0) > 0.0]
     if reverses(experiments):
         names += coulomb or [f"{drive.bodies[0]}.coulomb"]
@@ -168,7 +168,9 @@ def chosen(drive: Drive, default: Sequence[str], options: Options) -> tuple[str,
         raise BadOption("a parameter held or free", f"{', '.join(sorted(both))} as both", "Drop one of the two.")
     names = (set(default) | set(options.free)) - set(options.hold)
     for name in names:
-        drive.quantity(name)
+        if choice := drive.quantity(name).choice:
+            raise BadOption("numbers after --free", f"{name}, which is {' or '.join(f'{v:g}' for v in choice)}",
+                            "Give its value with --set, or with --record.")
     return tuple(n for n in drive.quantities if n in names)
 
 

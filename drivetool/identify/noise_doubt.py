@@ -20,6 +20,9 @@ from drivetool.identify.problem import Problem
 from drivetool.identify.results import Z95, covariance_of
 
 KNOWN = 400.0  # looks at the torque noise from which its strength is known to a tenth
+# Looks up to which a ratio is averaged over. Far beyond, the sensor's noise is lost in what the torque's moves in a
+# sample: the likelihood is flat to infinity, where no covariance is one.
+MOST = 10.0 * KNOWN
 UNLIKELY = 8.0  # log likelihood below the best at which a ratio counts no more
 DOUBLINGS = 24  # of the ratio, at most
 LEVEL = 0.95  # of an interval
@@ -78,7 +81,7 @@ def _likely(problem: Problem, fit: Fit, least: float) -> Iterator[tuple[float, f
         for k in powers:
             ratio = first * 2.0**k
             value, normal = integrated(problem, fit.point, replace(fit.noise, ratio=ratio))
-            if ratio < least or not np.isfinite(value) or value > best + UNLIKELY:
+            if not least <= ratio <= max(MOST * least, first) or not np.isfinite(value) or value > best + UNLIKELY:
                 break
             best = min(best, value)
             step, _ = marquardt_step(problem, fit.point, normal, 1e-12)

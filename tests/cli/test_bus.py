@@ -65,8 +65,9 @@ def test_the_mass_of_a_clamped_file_goes_into_the_rolling_one(call, tmp_path):
 
 
 @pytest.mark.parametrize("words, said", [
-    (("clamped=wheel",), "Did you mean 'wheels'"), (("clamped=",), "body of the vehicle drive"),
-    (("clamped=motor",), "clamped motor")])
+    (("clamped=wheel",), "Did you mean 'wheels'"),
+    (("clamped=motor",), "motor at standstill"), (("clamped=",), "a body after clamped="),
+    (("wheels.clamped=1",), "clamped=BODY after --record FILE")])
 def test_a_clamp_that_is_none(call, tmp_path, words, said):
     log = ROOM / "held.parquet"
     code, _, err = call("greybox", log, "--record", log, *words, *GIVEN, "--out", tmp_path / "out.yaml")

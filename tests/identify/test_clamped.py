@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass, vehicle
-from drivetool.errors import BadRecording
+from drivetool.drive.chain import three_mass, two_mass, vehicle
+from drivetool.errors import BadOption, BadParameters, BadRecording
 from drivetool.identify.greybox import default_free, greybox
 from drivetool.identify.options import Options
-from drivetool.identify.recordings.clamped import GIVES_WAY, TURNS, check_clamped, swing_of, with_first_values
+from drivetool.identify.recordings.clamped import (
+    GIVES_WAY,
+    MOVES,
+    TURNS,
+    check_clamped,
+    swing_of,
+    with_first_values,
+)
 from drivetool.identify.setup import problem_of, roles_of, traces_of
 from tests.bus_fixtures import BUS, bus, bus_drive
 from tests.simulator.machine import Machine, State
@@ -114,6 +121,13 @@ def test_a_motor_that_turns_on_is_not_clamped_behind_its_shaft(share, stands):
             check_clamped(record, vehicle(), "wheels")
 
 
+def test_a_noisy_sensor_does_not_refute_a_clamp():
+    """Five times as much noise as the limit of the motion behind the gear."""
+    noise = white_noise(HELD.size, 5.0 * GIVES_WAY * float(SWING.std()) / 8.79, 11)
+    record = replace(moving(SWING), signals={**moving(SWING).signals, "wheels_speed": noise})
+    check_clamped(record, bus_drive(), "wheels")
+
+
 @pytest.mark.parametrize("share, stands", [(0.03, True), (0.09, False)])
 def test_a_sensor_of_the_clamped_body_is_asked_first(share, stands):
     assert GIVES_WAY == 0.05
@@ -126,5 +140,28 @@ def test_a_sensor_of_the_clamped_body_is_asked_first(share, stands):
 
 
 def test_a_clamped_motor_may_not_swing():
-    with pytest.raises(BadRecording, match="clamped motor"):
+    with pytest.raises(BadRecording, match="it swings by"):
         check_clamped(moving(SWING), two_mass(), "motor")
+    assert MOVES == 3.0
+    for size, stands in ((2.5, True), (4.5, False)):  # over the noise; halved or doubled, one of them turns over
+        record = moving(white_noise(HELD.size, 0.01, 3) + 0.01 * size * SWING / SWING.std())
+        if stands:
+            check_clamped(record, two_mass(), "motor")
+        else:
+            with pytest.raises(BadRecording):
+                check_clamped(record, two_mass(), "motor")
+
+
+def test_nothing_beyond_a_clamp_is_freed():
+    drive = replace(three_mass(), records={"held.parquet": HELD.sha256}).with_values(
+        {"gear.clamped@held.parquet": 1.0})
+    assert set(default_free(drive, [HELD])) == {
+        "motor.inertia", "shaft.stiffness", "shaft.damping", "motor.coulomb"}
+    assert "arm.inertia" in default_free(drive, [HELD, ROLLING])
+
+
+def test_a_clamp_is_a_choice_and_no_number():
+    with pytest.raises(BadParameters, match="0 or 1"):
+        clamped().with_values({"wheels.clamped": 0.5})
+    with pytest.raises(BadOption, match="0 or 1"):
+        greybox([HELD], with_first_values(clamped(), [HELD]), Options(free=("wheels.clamped",)))

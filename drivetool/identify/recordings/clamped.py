@@ -19,6 +19,7 @@ from drivetool.logs.experiment import Experiment
 TURNS = 0.5
 # Speed of a clamped body over that of the motor: a brake or fixture that gives way by a twentieth is none.
 GIVES_WAY = 0.05
+MOVES = 3.0  # times the white noise of its sensor, by which a clamped motor swings: hum and drift are less
 DAMPING_RATIOS = (0.01, 0.03, 0.1, 0.3, 0.7)  # that are tried: a factor of about three apart, up to aperiodic
 PER_OCTAVE = 12  # frequencies that are tried: closer than the half width of a resonance damped by 0.03
 LEAST_SWINGS = 2.0  # within a recording, below which a resonance does not show
@@ -28,26 +29,37 @@ SAMPLES = 10.0  # in one swing, above which it does
 def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
     """Raise BadRecording where a body that is said to be clamped turns, or what is joined to it does."""
     do = "Correct --record, or clamp it and record again: torque to and fro about a constant one, for some seconds."
-    motor = _speed(experiment, drive, 0)
+    unit, place = f"{experiment.motion_unit}/s", drive.bodies.index(body)
+    motor, own = _speed(experiment, drive, 0), _speed(experiment, drive, place)
     if motor is None:
         return
-    size, place = _rms(motor), drive.bodies.index(body)
-    own = _speed(experiment, drive, place)
-    if own is not None and place > 0:
-        if _rms(own) * drive.turns()[place] > GIVES_WAY * size > 0.0:
+    if place == 0:
+        if float(np.nanstd(motor)) > MOVES * _white(motor):
             raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
-                               f"a speed of {_rms(own):.3g} {experiment.motion_unit}/s rms", do)
+                               f"that it swings by {np.nanstd(motor):.3g} {unit} rms", do)
         return
+    # What follows the motor, and not the noise of a sensor that hardly sees anything.
+    share = 0.0 if own is None else drive.turns()[place] * _follows(own, motor)
+    if share > GIVES_WAY:
+        raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
+                           f"that it follows {100.0 * share:.2g} % of the motor's motion", do)
     mean = abs(float(np.nanmean(motor)))
-    if (place == 0 and size > 0.0 and np.nanstd(motor) > GIVES_WAY * size) or mean > TURNS * size:
+    if mean > TURNS * _rms(motor):
         raise BadRecording(f"a motor that swings against the clamped {body} in {experiment.name}",
-                           f"one that turns on at {mean:.3g} {experiment.motion_unit}/s on average", do)
+                           f"one that turns on at {mean:.3g} {unit} on average", do)
 
 
 def always_clamped(drive: Drive, experiments: Sequence[Experiment]) -> tuple[str, ...]:
     """The bodies that are clamped in all of the recordings."""
     as_they_were = [as_recorded(drive, (), e.number)[0] for e in experiments]
     return tuple(b for b in drive.bodies if all(d.value(f"{b}.clamped") for d in as_they_were))
+
+
+def beyond_clamps(drive: Drive, experiments: Sequence[Experiment]) -> frozenset[str]:
+    """The bodies and shafts of which no recording shows anything: what is clamped in all, and what lies beyond."""
+    places = [drive.bodies.index(b) for b in always_clamped(drive, experiments)]
+    first = min((p for p in places if p > 0), default=len(drive.bodies))
+    return frozenset((*drive.bodies[first:], *drive.shafts[first:]))
 
 
 def with_first_values(drive: Drive, experiments: Sequence[Experiment]) -> Drive:
@@ -135,6 +147,23 @@ def _speed(experiment: Experiment, drive: Drive, place: int) -> np.ndarray | Non
         if {f"{name}_speed", f"{name}_angle"} & set(experiment.signals):
             return speed_of(experiment, name, "the clamp")
     return None
+
+
+def _follows(own: np.ndarray, motor: np.ndarray) -> float:
+    """Speed of a body over that of the motor, by least squares, less three of its standard deviations."""
+    known = np.isfinite(own) & np.isfinite(motor)
+    x, y = motor[known], own[known]
+    if not x @ x > 0.0:
+        return 0.0
+    share = float(x @ y / (x @ x))
+    return abs(share) - 3.0 * float(np.sqrt(np.mean((y - share * x) ** 2) / (x @ x)))
+
+
+def _white(values: np.ndarray) -> float:
+    """Standard deviation of what is white in a signal: third differences leave nothing of what is smooth."""
+    differences = np.diff(values, 3)
+    differences = differences[np.isfinite(differences)]
+    return float(np.sqrt(np.mean(differences**2) / 20.0)) if len(differences) else 0.0
 
 
 def _rms(values: np.ndarray) -> float:

@@ -19,14 +19,21 @@ from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
 from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.identify.steady_speeds.road import mean_of_recordings, slope_of_the_road
-from drivetool.identify.steady_speeds.spans import Span, averaged, first_values, spans_of, turns_both_ways
+from drivetool.identify.steady_speeds.spans import (
+    Span,
+    averaged,
+    first_values,
+    off_the_line,
+    spans_of,
+    turns_both_ways,
+)
 from drivetool.logs.experiment import Experiment
 
 MOST = 400  # blocks of the longest span: the speed is a smooth curve, of which more tell nothing more
 FEWEST = 60  # blocks of the longest span, of which a fit needs ten for a stretch and its findings some dozens
 DRAG = "motor.drag"
 BENT = 4.0  # standard deviations of a square that is stated: chance alone exceeds them once in 30 000 recordings
-FRICTION = {"viscous": "total.viscous", "idle_torque": "total.idle_torque", "coulomb": "motor.coulomb"}
+UNLIKELY = 1e-3  # probability that the spans follow one line, below which that is doubted: once in 1000 recordings
 
 
 @dataclass(frozen=True)
@@ -63,9 +70,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
     start = one_body(drive.torque_unit, drive.motion_unit).with_values(
         {f"motor.{n}": value for n, value in first_values(spans).items()
          if n != "coulomb" or turns_both_ways(spans)})
-    start = start.with_values({n: drive.felt(n.rpartition(".")[2]) if rigid.names[n].startswith("total.")
-                               and rigid.names[n] not in drive.values else drive.value(rigid.names[n]) or 0.0
-                               for n in rigid.names if rigid.names[n] in options.hold})
+    start = start.with_values({n: _held(n, drive, rigid) for n in rigid.names if rigid.names[n] in options.hold})
     # No free runs for a witness: with a torque of its own each tells nothing where the logged torque is constant.
     asked = replace(options, known=None, free=(), criterion="innovations",
                     hold=tuple(n for n in rigid.names if rigid.names[n] in options.hold))
@@ -78,10 +83,20 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
         details={**estimate.details, "spans": _listed(spans, experiments),
                  "inertia_at_motor": _plain(found.estimate, "motor.inertia"),
                  **({"idle_torque_by_record": found.by_record} if found.by_record else {})},
-        findings=(*_bent(shared, cut, start, asked), *road, *_of_the_rest(rigid, estimate, drive),
-                  *estimate.findings),
+        findings=(*_lines_apart(spans), *_bent(shared, cut, start, asked), *road,
+                  *_of_the_rest(rigid, estimate, drive), *_in_one_direction(spans, rigid), *estimate.findings),
         exhibits=(_picture(spans, found.estimate.drive, drive), *(
             _record(e, [s for s in spans if s.recording == k], drive) for k, e in enumerate(experiments))))
+
+
+def _held(name: str, drive: Drive, rigid: Rigid) -> float:
+    """Value of a parameter of one body that the drive's own holds."""
+    own = rigid.names[name]
+    if own == rigid.target:
+        return rigid.rest + (drive.value(own) or 0.0) / rigid.factor
+    if own.startswith("total.") and own not in drive.values:
+        return drive.felt(name.rpartition(".")[2])
+    return drive.value(own) or 0.0
 
 
 def rigid_of(drive: Drive, options: Options) -> Rigid:
@@ -92,13 +107,17 @@ def rigid_of(drive: Drive, options: Options) -> Rigid:
     last, turns = drive.bodies[-1], drive.turns()[-1]
     carries = bool(drive.value(f"{last}.carried_mass")) or f"{last}.radius" in drive.values
     target = f"{last}.carried_mass" if carries else f"{last}.inertia"
-    names = {f"motor.{n}": (whole if len(drive.bodies) > 1 else f"{drive.bodies[0]}.{n}")
-             for n, whole in FRICTION.items()} | {"motor.inertia": target}
-    suffixes = tuple(TOTALS.values())
-    parts = [n for n in options.hold if n.endswith(suffixes) and n not in names.values()]
+    first, several = drive.bodies[0], len(drive.bodies) > 1
+    friction = {n: f"total.{n}" if several else f"{first}.{n}" for n in TOTALS.values()} | {
+        "coulomb": f"{first}.coulomb"}  # one body stands for all
+    names = {f"motor.{n}": whole for n, whole in friction.items()} | {"motor.inertia": target}
+    parts = [n for n in options.hold if n.rpartition(".")[2] in friction and n not in names.values()]
     if parts:
         raise BadOption("the friction of the whole drive after --hold of --method acceleration", ", ".join(parts),
-                        f"Hold {FRICTION[parts[0].rpartition('.')[2]]}: only the sum shows.")
+                        f"Hold {friction[parts[0].rpartition('.')[2]]}: only the sum shows.")
+    if options.free:
+        raise BadOption("--hold, and no --free, with --method acceleration", f"--free {options.free[0]}",
+                        "Leave it out: mass, constant and viscous friction are fitted. Others are for greybox.")
     own = drive.with_values({target: 0.0} if carries else {})
     masses = own.inertias()
     masses[-1] -= 0.0 if carries else own.value(target) or 0.0
@@ -137,6 +156,32 @@ def _fitted(experiments: Sequence[Experiment], spans: Sequence[Span], start: Dri
         length *= 2
 
 
+def _lines_apart(spans: Sequence[Span]) -> list[Finding]:
+    """That no one friction line fits all intervals."""
+    probability = off_the_line(spans)
+    if probability > UNLIKELY:
+        return []
+    return [Finding(
+        "warning", "scatter-beyond-noise",
+        "The intervals of constant torque do not follow one inertia and one friction line: what one leaves "
+        f"exceeds its noise (probability {probability:.1g}).", {"probability": probability},
+        "Check the sign of the torque in every interval; look for a load, a slope or a brake that acts in some of "
+        "them, and for friction that bends.")]
+
+
+def _in_one_direction(spans: Sequence[Span], rigid: Rigid) -> list[Finding]:
+    """That the constant torque has the Coulomb friction in it."""
+    if turns_both_ways(spans):
+        return []
+    forward = spans[0].speed.mean() > 0.0
+    return [Finding(
+        "note", "idle-and-coulomb-together",
+        "All intervals turn one way, so idle torque and Coulomb friction cannot be told apart; "
+        f"{rigid.names['motor.idle_torque']} holds the idle torque {'plus' if forward else 'less'} the Coulomb "
+        "friction.", {"forward": int(forward)},
+        "Add intervals in the other direction, if the machine may go that way.")]
+
+
 def _bent(shared: Estimate, cut: Sequence[Experiment], start: Drive, options: Options) -> list[Finding]:
     """That the friction is no line over the speed: it has a square that the recordings tell."""
     found = greybox(cut, start.with_values({**shared.drive.values, DRAG: 0.0}), replace(options, free=(DRAG,)))
@@ -146,9 +191,10 @@ def _bent(shared: Estimate, cut: Sequence[Experiment], start: Drive, options: Op
     return [Finding(
         "warning", "friction-is-bent",
         f"Friction grows with the square of the speed: {line.value:.3g} +- {line.std:.2g} {line.unit}. The line of "
-        "constant and viscous friction lacks it, and its intervals are too narrow.",
+        "constant and viscous friction has no place for it.",
         {"drag": line.value, "std": line.std},
-        "Fit it: greybox --free motor.drag on the same recordings.")]
+        f"Fit it on the same recordings: greybox --drive one-body --set motor.inertia="
+        f"{found.drive.values['motor.inertia']:.3g} --free motor.drag.")]
 
 
 def _in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
@@ -159,7 +205,7 @@ def _in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
         raise BadParameters(f"rotating parts that are smaller than what the motor accelerates, "
                             f"{found.drive.values['motor.inertia']:.4g} {drive.unit(f'{drive.bodies[0]}.inertia')}",
                             f"{rigid.rest:.4g} at the motor", "Correct their inertias, or the ratio.")
-    if "motor.coulomb" in lines:  # one body stands for all; what the others had would count twice
+    if "motor.coulomb" in lines:  # what the others had would count twice
         values |= {n: 0.0 for n in (f"{b}.coulomb" for b in drive.bodies[1:]) if drive.values.get(n)}
     told = {n: line.std is not None for n, line in lines.items()}
     covariance = _covariance(found.covariance, {n: rigid.names[n] for n in told if told[n]}, rigid)
@@ -189,11 +235,12 @@ def _line(p: Parameter, drive: Drive, rigid: Rigid) -> Parameter:
     if p.std is None:
         return replace(p, value=value).untold(p.reason, p.status)
     std = float(rigid.factor * np.hypot(p.std, np.sqrt(rigid.variance)))
+    # Of a few recordings the interval is wider than that of a normal variable.
+    half = std * (p.ci95[1] - p.ci95[0]) / (2.0 * p.std) if p.ci95 is not None else Z95 * std
     parts = {n: rigid.factor * v for n in ("std_structure", "std_between", "repeatability")
              if (v := getattr(p, n)) is not None}
     noise = None if p.std_noise is None else float(rigid.factor * np.hypot(p.std_noise, np.sqrt(rigid.variance)))
-    return replace(p, value=value, std=std, ci95=(max(value - Z95 * std, 0.0), value + Z95 * std), std_noise=noise,
-                   **parts)
+    return replace(p, value=value, std=std, ci95=(max(value - half, 0.0), value + half), std_noise=noise, **parts)
 
 
 def _covariance(found: Covariance | None, names: Mapping[str, str], rigid: Rigid) -> Covariance | None:

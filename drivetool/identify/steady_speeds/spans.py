@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
 from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.steady_speeds.points import speed_of
@@ -83,6 +84,34 @@ def first_values(spans: Sequence[Span]) -> dict[str, float]:
     return {"coulomb": 0.0, **found} | {n: max(found.get(n, 0.0), 0.0) for n in ("viscous", "coulomb")}
 
 
+def off_the_line(spans: Sequence[Span]) -> float:
+    """Probability that the slopes of all spans follow one friction line, by how they scatter about their own lines.
+
+    An F test: slope over torque, speed and direction, with a constant for each recording, against a line over the
+    speed for each span.
+    """
+    recordings = sorted({s.recording for s in spans})
+    own, scaled, weights = 0.0, [], []
+    for s in spans:
+        line = np.column_stack([np.ones(len(s.speed)), s.speed])
+        left = s.slope - line @ np.linalg.lstsq(line, s.slope, rcond=None)[0]
+        std = float(np.sqrt(left @ left / max(len(left) - 2, 1)))
+        std = max(std, 1e-9 * float(np.abs(s.slope).max()) + 1e-300)
+        own += float(left @ left) / std**2
+        columns = [np.full(len(s.speed), s.torque), s.speed, np.sign(s.speed),
+                   *(np.full(len(s.speed), float(s.recording == r)) for r in recordings)]
+        scaled.append(np.column_stack(columns) / std)
+        weights.append(s.slope / std)
+    rows, right = np.concatenate(scaled), np.concatenate(weights)
+    size = np.linalg.norm(rows, axis=0)
+    factors, _, rank, _ = np.linalg.lstsq(rows / size, right, rcond=1e-9)
+    together = float(np.sum((right - rows / size @ factors) ** 2))
+    more, free = 2 * len(spans) - int(rank), len(right) - 2 * len(spans)
+    if more <= 0 or free <= 0:
+        return 1.0
+    return float(stats.f.sf(max(together - own, 0.0) / more / (own / free), more, free))
+
+
 def turns_both_ways(spans: Sequence[Span]) -> bool:
     """Whether there are spans of either direction."""
     return len({float(np.sign(s.speed.mean())) for s in spans}) > 1
@@ -119,10 +148,12 @@ def _of_recording(place: int, experiment: Experiment) -> list[Span]:
             usual = float(np.nanmedian(left[PIECES // 2:]))
             swings = np.flatnonzero(~(left <= SWING * usual))
             begin = next((k for k in range(PIECES) if k not in swings), PIECES)
-            begin += 1 if begin else 0  # what is left of it in the next piece
-            if begin < PIECES // 2 and np.isfinite(slope[begin:]).all():
-                found.append(Span(place, a + begin * size, b, float(torque[a:b].mean()), slope[begin:],
-                                  mean[begin:]))
+            # What is left of it in the next piece goes too. A swing that lasts is averaged over by blocks, later.
+            begin = min(begin + 1 if begin else 0, PIECES // 2)
+            kept = np.isfinite(slope[begin:])
+            if kept.sum() > PIECES // 4:
+                found.append(Span(place, a + begin * size, b, float(torque[a:b].mean()), slope[begin:][kept],
+                                  mean[begin:][kept]))
     return found
 
 
@@ -140,7 +171,7 @@ def _to_its_ends(torque: np.ndarray, first: int, last: int,
 def _one_way(speed: np.ndarray, first: int, last: int) -> list[tuple[int, int]]:
     """The parts of an interval before and after the motion turns back, without the standstill between them."""
     part = speed[first:last]
-    slow = ~(np.abs(part) > CHANGE * np.nanmax(np.abs(part), initial=0.0))
+    slow = np.abs(part) <= CHANGE * np.nanmax(np.abs(part), initial=0.0)  # what is missing is not slow
     edges = np.flatnonzero(np.diff(np.concatenate([[1], slow.astype(np.int8), [1]]))).reshape(-1, 2)
     return [(first + int(a), first + int(b)) for a, b in edges]
 
