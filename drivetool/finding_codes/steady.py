@@ -4,7 +4,7 @@ from drivetool.finding_codes.code import NOTE, NOTE_OR_WARNING, WARNING, Code
 
 CODES = {
     "constant-torque-along": Code(
-        NOTE,
+        NOTE_OR_WARNING,
         "Recordings at constant torque differ in their constant friction by more than noise explains, or the drive "
         "turns both ways and has an idle torque.",
         "Look for what changed between the recordings: a load, a slope, the temperature."),

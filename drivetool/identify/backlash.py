@@ -31,7 +31,7 @@ from drivetool.identify.recordings.by_record import shared_by_some
 from drivetool.identify.results import Z95, covariance_of
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import Roles, first_states, led_in, roles_of
-from drivetool.identify.shaft_torque.gap_laws import both_laws, both_laws_from, details_of, laws_told
+from drivetool.identify.shaft_torque.gap_laws import BothLaws, both_laws, both_laws_from, details_of, laws_told
 from drivetool.identify.shaft_torque.sides import as_in_file, friction_told, has_sides, with_frictions
 from drivetool.identify.start import known_states
 from drivetool.identify.sums import apart, fit_apart, split_totals
@@ -87,10 +87,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         white = friction_told(white, drive, options, asked)
     else:
         white, least = _with_linear(loose, gaps, options, asked)
-    # Of a fit that may be astray, neither law would be the machine's.
-    laws = both_laws_from(white, asked) if laws is None and not least and not unsettled(white) else laws
-    if laws is not None and laws.seen is None:  # the other law where it leads; else what was asked for
-        white = laws.outcome if laws.outcome.drive.damping_law != drive.damping_law else white
+    if laws is None and not least:
+        laws, white = _by_better_law(white, asked)
     fit = explained(white, options, bool(least))
     outcome, explanation = fit.outcome, fit.explanation
     profiles = {g: _profile(outcome, g) for g in gaps if outcome.fit is not None
@@ -110,6 +108,16 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
         estimate = replace(estimate, explanation=fit.alone)
     more = None if loose is None else [n for n in loose.free if n not in task.free]
     return judged(estimate, outcome, gaps, more)
+
+
+def _by_better_law(white: Outcome, asked: Options) -> tuple[BothLaws | None, Outcome]:
+    """Both laws of the gap from where a fit led, and the fit by the other law where that leads.
+
+    Of a fit that may be astray neither law would be the machine's.
+    """
+    laws = None if unsettled(white) else both_laws_from(white, asked)
+    other = laws is not None and laws.outcome.drive.damping_law != white.drive.damping_law
+    return laws, laws.outcome if laws is not None and other else white
 
 
 def _by_inverse(experiments: Sequence[Experiment], drive: Drive, options: Options, roles: Roles) -> Estimate:

@@ -46,8 +46,8 @@ def mean_of_recordings(shared: Estimate, experiments: Sequence[Experiment], star
     """The fit with one constant torque, or where the recordings contradict that, with one of each and their mean.
 
     Nobody knows of what the recordings are a sample: how they differ goes into the interval of the mean. If they
-    are of two groups that agree within, they may be of one road up and down. Parted where their torques lie farthest
-    apart, half of the difference acts along the way.
+    are of two groups that agree within, they may be of one road up and down. Parted where their torques lie
+    farthest apart, half of the difference acts along the way.
 
     shared  the fit with one constant torque
     """
