@@ -98,7 +98,8 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
                        known=options.known, explanation=explanation)
     estimate = as_in_file(estimate, outcome, options, free, explanation)
     estimate = replace(estimate, findings=(*torque_timing(white), *doubted_channels(task, outcome.drive),
-                                           *laws_told(laws, outcome, free), *estimate.findings))
+                                           *laws_told(laws, outcome, free, not unsettled(outcome)),
+                                           *estimate.findings))
     for name, found in profiles.items():
         estimate = _by_profile(estimate, name, found)
     for name, low in least.items():

@@ -78,6 +78,8 @@ def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
         other, fit=replace(other.fit, value=better.fit.value + lead))})
     found = law_told(near, "shaft")
     assert found.code == code
+    # Of a fit that is astray no lead counts.
+    assert law_told(near, "shaft", settled=False).code == "gap-law-undetermined"
     assert {"half_gap_inside", "half_gap_always", "damping_inside", "damping_always"} <= set(found.evidence)
     assert f"{found.evidence['half_gap_inside']:.4g} rad" in found.text
 

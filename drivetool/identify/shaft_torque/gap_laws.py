@@ -168,8 +168,8 @@ def _value(outcome: Outcome) -> float:
     return outcome.fit.value if outcome.fit is not None else float("inf")
 
 
-def law_told(both: BothLaws, shaft: str) -> Finding:
-    """Which law the record is of, with both results."""
+def law_told(both: BothLaws, shaft: str, settled: bool = True) -> Finding:
+    """Which law the record is of, with both results; settled: whether the fit that is reported did."""
     evidence: dict[str, float] = {}
     drive = both.outcome.drive
     units = [drive.unit(f"{shaft}.{n}") for n in ("half_gap", "damping")]
@@ -185,6 +185,11 @@ def law_told(both: BothLaws, shaft: str) -> Finding:
             "note", "gap-law-undetermined",
             f"Only the law by which {WORDS[law]} could be fitted to this record ({sizes}).", evidence,
             "Record more passages through the gap.")
+    if not settled:
+        return Finding(
+            "note", "gap-law-undetermined",
+            f"The fit did not settle, and so does not tell which law of the gap this record is of ({sizes}).",
+            evidence, "Start nearer with --set, or record more passages through the gap.")
     if both.lead <= TOLD:
         return Finding(
             "note", "gap-law-undetermined",
@@ -197,14 +202,14 @@ def law_told(both: BothLaws, shaft: str) -> Finding:
         "Keep damping_law in the parameter file.")
 
 
-def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str]) -> list[Finding]:
-    """Which law it is, and what was fitted besides what was asked for."""
+def laws_told(both: BothLaws | None, outcome: Outcome, free: Sequence[str], settled: bool) -> list[Finding]:
+    """Which law it is, and what was fitted besides what was asked for; settled: whether the outcome did."""
     if both is None:
         return []
     more = [n for n in outcome.task.free if n not in free]
     if both.seen is None and f"{outcome.drive.shafts[0]}.damping" not in more:  # the fit is as it was asked for
         more = []
-    return [law_told(both, outcome.drive.shafts[0]), *([] if not more else [Finding(
+    return [law_told(both, outcome.drive.shafts[0], settled), *([] if not more else [Finding(
         "note", "fitted-again",
         f"{', '.join(more)} were fitted together with the half gap: over many passages held values a per cent off "
         "would lead to a wrong one.", {"values": len(more)}, "Hold what is known for sure with --hold.")])]
