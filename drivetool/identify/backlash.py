@@ -107,8 +107,7 @@ def backlash(experiments: Sequence[Experiment], drive: Drive, options: Options) 
     estimate = _one_sided_contact(without_ambiguous(estimate, outcome, gaps), outcome, gaps)
     if fit.alone:
         estimate = replace(estimate, explanation=fit.alone)
-    more = None if loose is None else [n for n in loose.free if n not in task.free]
-    return judged(estimate, outcome, gaps, more)
+    return judged(estimate, outcome, gaps, loose and [n for n in loose.free if n not in task.free])
 
 
 def _by_better_law(white: Outcome, asked: Options) -> tuple[BothLaws | None, Outcome]:
