@@ -49,10 +49,16 @@ def same(new: float | None, old: float | None) -> bool:
 
 
 def _own(name: str, file: shapes.ParameterFile, drive: Drive) -> tuple[list[str], np.ndarray]:
-    """The names in a file's covariance, and that in the units of the drive."""
+    """The names in a file's covariance, and that in the units of the drive.
+
+    A file by hand may have standard deviations alone: those of values that are told apart.
+    """
     section = file.covariance
     if section is None:
-        return [], np.zeros((0, 0))
+        stds = {n: (e.std, e.unit) for n, e in file.parameters.items()
+                if isinstance(e, shapes.ParameterSection) and isinstance(e.std, float) and n in drive.values}
+        alone = [std * factor(drive, n, unit, name) for n, (std, unit) in stds.items()]
+        return list(stds), np.diag(np.square(alone)) if alone else np.zeros((0, 0))
     # A torque constant by which inputs were multiplied is no value of the drive.
     index = [i for i, n in enumerate(section.names) if n in drive.values or not is_constant(n)]
     names = [section.names[i] for i in index]

@@ -42,6 +42,15 @@ def test_a_value_that_a_later_file_carries_on_is_as_well_known_as_before(tmp_pat
     assert found.matrix == pytest.approx(np.array(STEADY[1][1]))
 
 
+def test_a_file_by_hand_tells_its_standard_deviations_apart(tmp_path):
+    """20 g m^2 of a data sheet are 0.02 kg m^2; a value without a deviation counts as known."""
+    sheet = ({"motor.inertia": entry(2000.0, "g m^2", std=20.0), "load.inertia": entry(3.0, "kg m^2")}, None)
+    found = written(tmp_path, STEADY, sheet)
+    found = found.covariance(found.drive())
+    assert found.names == ("motor.viscous", "motor.idle_torque", "motor.inertia")
+    assert found.matrix[2] == pytest.approx([0.0, 0.0, 4e-4])
+
+
 def test_a_value_that_a_later_file_changes_has_no_covariance_of_before(tmp_path):
     found = written(tmp_path, STEADY, ({"motor.idle_torque": entry(6.0, "Nm")}, None))
     found = found.covariance(found.drive())
