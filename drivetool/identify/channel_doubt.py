@@ -44,7 +44,12 @@ def doubted_channels(start: Task, after: Drive, explained: bool = False) -> list
         factor = after.referred_inertia / start.drive.referred_inertia
     else:
         factor = told or _of_fit(start, after)
-    if factor is None or 1.0 / FAR < factor < FAR:
+    return [] if factor is None else doubted_units(factor)
+
+
+def doubted_units(factor: float) -> list[Finding]:
+    """What to say of a drive whose inertias are all off what they were said to be by a factor."""
+    if 1.0 / FAR < factor < FAR:
         return []
     both = [pair for size, what, one, other in UNITS for pair in (
         (size, f"{what} {one} taken for {other}"), (1.0 / size, f"{what} {other} taken for {one}"))]

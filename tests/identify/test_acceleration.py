@@ -154,6 +154,12 @@ def test_under_strong_torque_noise_there_is_an_interval(seed):
     assert 10.0 < line.std < 60.0
 
 
+def test_a_torque_in_another_unit_is_doubted():
+    wrong = replace(ROLLING, signals={**ROLLING.signals, "motor_torque": 1000.0 * ROLLING.signals["motor_torque"]})
+    (doubt,) = [f for f in steady([wrong], KNOWN, METHOD).findings if f.code == "unit-doubted"]
+    assert "kNm" in doubt.text and doubt.evidence["factor"] == pytest.approx(1300.0, rel=0.1)
+
+
 def test_missing_samples_cost_samples_and_no_interval():
     speed = ROLLING.signals["motor_speed"].copy()
     speed[np.random.default_rng(3).random(len(speed)) < 0.1] = np.nan

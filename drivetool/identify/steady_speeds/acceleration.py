@@ -13,6 +13,7 @@ import numpy as np
 
 from drivetool.drive.chain import TOTALS, Drive, one_body
 from drivetool.errors import BadOption, BadParameters, Finding
+from drivetool.identify.channel_doubt import doubted_units
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
@@ -83,7 +84,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
         details={**estimate.details, "spans": _listed(spans, experiments),
                  "inertia_at_motor": _plain(found.estimate, "motor.inertia"),
                  **({"idle_torque_by_record": found.by_record} if found.by_record else {})},
-        findings=(*_lines_apart(spans), *_bent(shared, cut, start, asked), *road,
+        findings=(*_units(estimate, drive, rigid), *_lines_apart(spans), *_bent(shared, cut, start, asked), *road,
                   *_of_the_rest(rigid, estimate, drive), *_in_one_direction(spans, rigid), *estimate.findings),
         exhibits=(_picture(spans, found.estimate.drive, drive), *(
             _record(e, [s for s in spans if s.recording == k], drive) for k, e in enumerate(experiments))))
@@ -154,6 +155,14 @@ def _fitted(experiments: Sequence[Experiment], spans: Sequence[Span], start: Dri
         if not correlated or longest < 2 * length * FEWEST:
             return found, cut
         length *= 2
+
+
+def _units(estimate: Estimate, drive: Drive, rigid: Rigid) -> list[Finding]:
+    """That the whole inertia is far off what the given values make of it."""
+    before, after = drive.value(rigid.target), estimate.drive.values[rigid.target]
+    if not before or rigid.unknown:
+        return []
+    return doubted_units((rigid.rest + after / rigid.factor) / (rigid.rest + before / rigid.factor))
 
 
 def _lines_apart(spans: Sequence[Span]) -> list[Finding]:
