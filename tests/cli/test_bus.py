@@ -92,3 +92,12 @@ def test_uphill_and_downhill(call, tmp_path):
     assert code == 0, err
     (slope,) = [f for f in content_of(tmp_path / "out.yaml")["findings"] if f["code"] == "slope-of-the-road"]
     assert slope["evidence"]["slope_percent"] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.slow
+def test_diagnose_of_a_clamped_record_finds_nothing(call, tmp_path):
+    """The friction that a clamp leaves out is a cause by its sum, which has no body to be referred to."""
+    log = ROOM / "held.parquet"
+    call("greybox", log, *clamped(log), *GIVEN, "--out", tmp_path / "held.yaml")
+    code, _, err = call("diagnose", log, "--params", tmp_path / "held.yaml", "--out", tmp_path / "found.yaml")
+    assert code == 0 and "diagnosis-nothing-found" in err, err

@@ -44,10 +44,14 @@ def largest_torque(base: Model, owner: str = "") -> float:
 
 
 def turns(base: Model, owner: str = "") -> float:
-    """Of the motor for one of a body, or of the end of a shaft that has its stiffness; one without a name."""
+    """Of the motor for one of a body, or of the end of a shaft that has its stiffness.
+
+    owner  none, or a sum that the motor feels: one
+    """
     drive = base.task.drive
-    at = drive.shafts.index(owner) + 1 if owner in drive.shafts else drive.bodies.index(owner) if owner else 0
-    return abs(drive.turns()[at])
+    ends = {**dict(zip(drive.bodies, range(len(drive.bodies)), strict=True)),
+            **{shaft: k + 1 for k, shaft in enumerate(drive.shafts)}}
+    return abs(drive.turns()[ends.get(owner, 0)])
 
 
 def motion(base: Model, body: str = "") -> tuple[float, float]:
