@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 INK, GREY, EDGE, RULE = "#2b2f33", "#8d939b", "#5c6269", "#e3e6e9"
 BEFORE, AFTER, GREEN = "#d9730d", "#1763a6", "#3a7d44"
 WIDTH = 6.4  # inches
-BRIGHTEST = 0.99  # quantile of the amplitudes that has the last colour: a single cell of noise may be far larger
 BINS = 500  # points of a line are about twice as many
 # A colour and a hatch each, so that a print in grey still tells them apart.
 STATES = {"named": (GREEN, ""), "possible": (AFTER, "//"), "worse": (GREY, ".."), "no-gain": (RULE, "")}
@@ -169,16 +168,20 @@ def _order(exhibit: Exhibit) -> Figure:
 
 def _order_map(exhibit: Exhibit) -> Figure:
     """Amplitude in colours over order and speed; a line through each order that a cause claims."""
+    from matplotlib.colors import LogNorm
+
     drawn = _blank(4.2)
     axis = drawn.subplots()
     axis.set_title(exhibit.title, pad=26)
     axis.grid(False)
     heat = exhibit.heat
     if heat is not None:
-        shown = heat.values[np.isfinite(heat.values)]
-        top = float(np.quantile(shown, BRIGHTEST)) if len(shown) else 1.0
-        mesh = axis.pcolormesh(heat.x, heat.y, heat.values, cmap="viridis_r", vmin=0.0, vmax=top, rasterized=True)
-        drawn.colorbar(mesh, ax=axis, label=heat.label, extend="max")
+        # At an anti-resonance a trace of noise asks for a hundred times the torque: linear colours show nothing else.
+        shown = heat.values[heat.values > 0.0]
+        ends = (float(shown.min()), float(shown.max())) if len(shown) else (0.1, 1.0)
+        norm = LogNorm(ends[0], max(ends[1], 1.01 * ends[0]))
+        mesh = axis.pcolormesh(heat.x, heat.y, heat.values, cmap="viridis_r", norm=norm, rasterized=True)
+        drawn.colorbar(mesh, ax=axis, label=heat.label)
         axis.set_xlim(0.0, heat.x[-1])
     for label, (x, y) in exhibit.curves.items():
         axis.plot(x, y, color=BEFORE, linewidth=1.0, linestyle=(0, (1, 4)))
