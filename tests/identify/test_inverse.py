@@ -57,8 +57,8 @@ def torque_of(values, free=()):
 
 
 def test_every_effect_on_a_body_is_here():
-    """But for the scale of the torque itself, which is no law of a body."""
-    assert {e.code for e in EFFECTS if e.of == "body"} - {"torque-constant"} == set(LAWS)
+    """But for the scale of the torque itself and a clamp, which are no torque of a body that moves."""
+    assert {e.code for e in EFFECTS if e.of == "body"} - {"torque-constant", "clamp"} == set(LAWS)
 
 
 @pytest.mark.parametrize("code", LAWS)

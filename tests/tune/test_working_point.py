@@ -206,7 +206,7 @@ def test_the_torque_ends_at_the_load_whatever_the_torque_path(values):
 EVERY = GEARED.with_values({"converter.dead_time": 1e-3})
 TO = {"order": 1.0, "damping": 0.3, "bandwidth": 50.0, "factor": 2.0, "ratio": 2.0, "dead_time": 4e-3,
       "interpolation": 0.5, "half_gap": 0.02, "hardening": 0.4, "hardening_twist": 0.02, "hardening_power": 1.0,
-      "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0}
+      "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0, "clamped": 1.0}
 # Present beside the one that changes, for what acts only where another does.
 BESIDE = {"carried-mass": {"load.carried_mass": 0.1},
           "speed-filter": {"sensor.bandwidth": 80.0, "sensor.order": 2.0},
