@@ -202,7 +202,7 @@ WRONG = {
     "filter": (["tune", "-p", "drive.yaml", "--speed-filter", "-1"], 2, "filter time of zero or more"),
     "speed": (["tune", "-p", "drive.yaml", "--speed", "fast"], 2, "a number after --speed"),
     "speed too high": (["tune", "-p", "drive.yaml", "--speed", "1e7"], 2, "a working speed after --speed"),
-    "sensor order": (["tune", "-p", "drive.yaml", "--set", "sensor.order=1.5"], 1, "sensor.order of 1 or 2"),
+    "sensor order": (["tune", "-p", "drive.yaml", "--set", "sensor.order=1.5"], 2, "sensor.order of 1 or 2"),
     "no such sensor": (["tune", "-p", "drive.yaml", "--set", "sensor.delay=0.001"], 2, "'sensor.delay'"),
     "non-physical": (["tune", "-p", "drive.yaml", "--set", "shaft.stiffness=-5"], 2, "shaft.stiffness between"),
     "non-physical file": (["tune", "-p", "bad.yaml"], 1, "motor.inertia between"),

@@ -110,7 +110,7 @@ def test_free_runs_are_the_one_witness_and_none_of_friction():
     blocks = 1e-6 * rng.standard_normal((BLOCKS, 3))
 
     def candidate(*own):
-        return SimpleNamespace(own=np.array(own), influence=blocks, covariance=None)
+        return SimpleNamespace(own=np.array(own), influence=blocks, covariance=None, blocks=np.full(3, np.inf))
 
     field = Field({"coloured, laws": candidate(1.0, 1.0, 1.0), "white, laws": candidate(3.0, 3.0, 3.0),
                    "free runs, laws": candidate(1.1, 1.1, 1.1)}, (), None, {}, made)
