@@ -176,7 +176,7 @@ def _order_map(exhibit: Exhibit) -> Figure:
     axis.grid(False)
     heat = exhibit.heat
     if heat is not None:
-        # At an anti-resonance a trace of noise asks for a hundred times the torque: linear colours show nothing else.
+        # At an anti-resonance a trace of noise asks for a hundredfold torque: linear colours show nothing else.
         shown = heat.values[heat.values > 0.0]
         ends = (float(shown.min()), float(shown.max())) if len(shown) else (0.1, 1.0)
         norm = LogNorm(ends[0], max(ends[1], 1.01 * ends[0]))
