@@ -230,21 +230,26 @@ def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: S
 
 
 def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
-    """(ny,) first guess of the sensors' std, from third differences.
-
-    They remove what a drive does smoothly between samples and leave the white noise. Of a sensor that has a value
-    at every fourth sample, say, they are taken over the values that there are.
-    """
+    """(ny,) first guess of the sensors' std; of one that shows no noise, the largest of the others."""
     ny = traces[0].outputs.shape[1]
     spread = np.zeros(ny)
     for m in range(ny):
-        d = np.concatenate([np.diff(t.outputs[:, m], 3) for t in traces])
-        if np.isfinite(d).mean() < DENSE:
-            d = np.concatenate([np.diff(y[np.isfinite(y)], 3) for y in (t.outputs[:, m] for t in traces)])
-        d = d[np.isfinite(d)]
-        spread[m] = np.sqrt(np.mean(d**2) / 20.0) if len(d) else 0.0
+        spread[m] = white_std([t.outputs[:, m] for t in traces])
     spread[spread <= 0.0] = max(spread.max(), 1e-12)
     return spread
+
+
+def white_std(series: Sequence[np.ndarray]) -> float:
+    """Standard deviation of what is white in a signal, by stretches (n,) each; 0 where it is too short to tell.
+
+    Third differences remove what a drive does smoothly between samples. Of a sensor that has a value at every
+    fourth sample, say, they are taken over the values that there are.
+    """
+    d = np.concatenate([np.diff(y, 3) for y in series])
+    if len(d) and np.isfinite(d).mean() < DENSE:
+        d = np.concatenate([np.diff(y[np.isfinite(y)], 3) for y in series])
+    d = d[np.isfinite(d)]
+    return float(np.sqrt(np.mean(d**2) / 20.0)) if len(d) else 0.0
 
 
 def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],

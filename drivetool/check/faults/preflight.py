@@ -17,6 +17,7 @@ from drivetool.check.faults.lateness import lag_of
 from drivetool.check.faults.resolution import resolution
 from drivetool.check.faults.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
+from drivetool.identify.setup import white_std
 from drivetool.logs.experiment import Experiment
 
 COARSE = 0.1  # share of the noise variance that rounding explains, from which it is a cause: a step of 1.1 std
@@ -100,7 +101,7 @@ def _rounded(e: Experiment) -> list[tuple[str, float, float, bool]]:
         step = resolution(y)
         if step is None:
             continue
-        share = step**2 / 12.0 / max(_white_variance(y), 1e-300)
+        share = step**2 / 12.0 / max(white_std([y]) ** 2, 1e-300)
         if share > COARSE:
             fine = role.endswith("angle") and np.quantile(np.abs(np.diff(y)), FASTEST) > FINE * step
             found.append((role, float(step), float(min(share, 1.0)), bool(fine)))
@@ -110,11 +111,6 @@ def _rounded(e: Experiment) -> list[tuple[str, float, float, bool]]:
 def _unit(e: Experiment, role: str) -> str:
     units = {"speed": f"{e.motion_unit}/s", "angle": e.motion_unit}
     return units.get(role.rpartition("_")[2], e.torque_unit)
-
-
-def _white_variance(y: np.ndarray) -> float:
-    """Variance of the white part of a signal, from third differences."""
-    return float(np.mean(np.diff(y, 3) ** 2) / 20.0)
 
 
 def _channels(e: Experiment, wanted: Sequence[str]) -> tuple[Experiment, list[Fault]]:

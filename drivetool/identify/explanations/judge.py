@@ -13,7 +13,7 @@ from drivetool.identify.inverse_dynamics.motion import SURE, Smoothing
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_states
+from drivetool.identify.setup import first_states, white_std
 from drivetool.identify.task import Task, has_gap
 
 LENGTH = 1.0  # s: errors of half a second's friction show, and the start state is forgotten
@@ -80,14 +80,14 @@ class Judge:
     def straight(self, task: Task, length: float = LENGTH) -> float:
         """Error of runs with no torque but a constant one: straight lines of the speed; zero if that is noise."""
         traces, is_angle = task.traces(run_length(task, length)), task.roles.outputs[0].endswith("angle")
-        errors, noise, wide = [], [], [self.window(t.size, t.step) for t in traces]
+        errors, wide = [], [self.window(t.size, t.step) for t in traces]
         for trace in traces:
             y, place = trace.outputs[:, 0], np.linspace(-1.0, 1.0, trace.size)
             known, line = np.isfinite(y), np.vander(place, 3 if is_angle else 2)
             share = np.linalg.lstsq(line[known], y[known], rcond=None)[0]
             errors.append(self._as_speed(y - line @ share, trace.step, is_angle))
-            noise.append(np.diff(y, 3) / np.sqrt(20.0))  # what is white is left of third differences
-        found, white = (float(np.sqrt(np.nanmean(np.concatenate(each) ** 2))) for each in (errors, noise))
+        found = float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
+        white = white_std([t.outputs[:, 0] for t in traces])
         shortest = min(w * t.step for w, t in zip(wide, traces, strict=True))
         least = white * (np.sqrt(2.0) / shortest if is_angle else 1.0 / np.sqrt(min(wide)))
         return found if found > SURE * least else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
-from drivetool.identify.attempts import BROKEN
+from drivetool.identify.attempts import attempted
 from drivetool.identify.contact import spring_of
 from drivetool.identify.engine import by_cooling, coloured, looks_coloured
 from drivetool.identify.estimate import Estimate
@@ -217,10 +217,10 @@ def _split(base: Outcome, wanted: float) -> list[tuple[Task, Fit | None]]:
         task = split_off(plain, step, TRACE, times, BROAD)
         if task is None:
             continue
-        try:
-            gain, growth = grown(task.problem(), _point(task, base), noise, names)
-        except BROKEN:
+        led = attempted(lambda task=task: grown(task.problem(), _point(task, base), noise, names))
+        if led is None:
             continue
+        gain, growth = led
         looks.append((growth > 0.0, gain, float(np.clip(TRACE * (1.0 + growth), *SPLIT)), times))
     begun = [split_off(plain, step, share, times, BROAD) for _, _, share, times in sorted(looks)[-PROMISING:]]
     return [(task, _fitted(task, _point(task, base), noise, wanted)) for task in begun]
@@ -237,19 +237,17 @@ def _point(task: Task, base: Outcome) -> Point:
 
 
 def _fitted(task: Task, point: Point, noise: Noise, wanted: float) -> Fit | None:
-    try:
-        fit = fit_innovations(task.problem(), point, noise, arrived=True, most=ROUNDS, wanted=wanted)
-    except BROKEN:
-        return None
-    return fit if np.isfinite(fit.value) else None
+    return _finite(attempted(lambda: fit_innovations(
+        task.problem(), point, noise, arrived=True, most=ROUNDS, wanted=wanted)))
 
 
 def _cooled(task: Task) -> Fit | None:
-    try:
-        fit = by_cooling(task, task.problem(), None, HOT, ROUNDS)
-    except BROKEN:
-        return None
-    return fit if np.isfinite(fit.value) else None
+    return _finite(attempted(lambda: by_cooling(task, task.problem(), None, HOT, ROUNDS)))
+
+
+def _finite(fit: Fit | None) -> Fit | None:
+    """The fit, unless it ran away."""
+    return fit if fit is not None and np.isfinite(fit.value) else None
 
 
 def _with_noise_of(outcome: Outcome, task: Task, fit: Fit | None) -> tuple[Task, Fit | None]:

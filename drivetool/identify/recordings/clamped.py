@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from drivetool.drive.chain import AT, Drive
 from drivetool.errors import BadRecording
 from drivetool.identify.recordings.by_record import as_recorded
+from drivetool.identify.setup import white_std
 from drivetool.identify.steady_speeds.points import rough_inertia, speed_of
 from drivetool.logs.experiment import Experiment
 
@@ -34,7 +35,7 @@ def check_clamped(experiment: Experiment, drive: Drive, body: str) -> None:
     if motor is None:
         return
     if place == 0:
-        if float(np.nanstd(motor)) > MOVES * _white(motor):
+        if float(np.nanstd(motor)) > MOVES * white_std([motor]):
             raise BadRecording(f"{body} at standstill in {experiment.name}, where it is clamped",
                                f"that it swings by {np.nanstd(motor):.3g} {unit} rms", do)
         return
@@ -157,13 +158,6 @@ def _follows(own: np.ndarray, motor: np.ndarray) -> float:
         return 0.0
     share = float(x @ y / (x @ x))
     return abs(share) - 3.0 * float(np.sqrt(np.mean((y - share * x) ** 2) / (x @ x)))
-
-
-def _white(values: np.ndarray) -> float:
-    """Standard deviation of what is white in a signal: third differences leave nothing of what is smooth."""
-    differences = np.diff(values, 3)
-    differences = differences[np.isfinite(differences)]
-    return float(np.sqrt(np.mean(differences**2) / 20.0)) if len(differences) else 0.0
 
 
 def _rms(values: np.ndarray) -> float:

@@ -18,8 +18,8 @@ from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
-from drivetool.identify.steady_speeds.points import speed_of
-from drivetool.identify.steady_speeds.road import mean_of_recordings, slope_of_the_road
+from drivetool.identify.steady_speeds.report import in_one_direction, record_with
+from drivetool.identify.steady_speeds.road import UNLIKELY, mean_of_recordings, slope_of_the_road
 from drivetool.identify.steady_speeds.spans import (
     Span,
     averaged,
@@ -34,7 +34,6 @@ MOST = 400  # blocks of the longest span: the speed is a smooth curve, of which 
 FEWEST = 60  # blocks of the longest span, of which a fit needs ten for a stretch and its findings some dozens
 DRAG = "motor.drag"
 BENT = 4.0  # standard deviations of a square that is stated: chance alone exceeds them once in 30 000 recordings
-UNLIKELY = 1e-3  # probability that the spans follow one line, below which that is doubted: once in 1000 recordings
 
 
 @dataclass(frozen=True)
@@ -79,15 +78,19 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
     found = mean_of_recordings(shared, cut, start, asked)
     estimate = _in_the_drive(found.estimate, drive, rigid)
     road = slope_of_the_road(found, estimate, drive, rigid.target)
+    forward = sum(bool(s.speed.mean() > 0.0) for s in spans)
+    one_way = [] if turns_both_ways(spans) else [
+        in_one_direction(rigid.names["motor.idle_torque"], forward, len(spans) - forward)]
     return replace(
         estimate, step="steady", outcome=_outcome(spans, experiments, drive),
         details={**estimate.details, "spans": _listed(spans, experiments),
                  "inertia_at_motor": _plain(found.estimate, "motor.inertia"),
                  **({"idle_torque_by_record": found.by_record} if found.by_record else {})},
         findings=(*_units(estimate, drive, rigid), *_lines_apart(spans), *_bent(shared, cut, start, asked), *road,
-                  *_of_the_rest(rigid, estimate, drive), *_in_one_direction(spans, rigid), *estimate.findings),
+                  *_of_the_rest(rigid, estimate, drive), *one_way, *estimate.findings),
         exhibits=(_picture(spans, found.estimate.drive, drive), *(
-            _record(e, [s for s in spans if s.recording == k], drive) for k, e in enumerate(experiments))))
+            record_with("intervals of constant torque", e, [(s.first, s.last) for s in spans if s.recording == k],
+                        drive) for k, e in enumerate(experiments))))
 
 
 def _held(name: str, drive: Drive, rigid: Rigid) -> float:
@@ -176,19 +179,6 @@ def _lines_apart(spans: Sequence[Span]) -> list[Finding]:
         f"exceeds its noise (probability {probability:.1g}).", {"probability": probability},
         "Check the sign of the torque in every interval; look for a load, a slope or a brake that acts in some of "
         "them, and for friction that bends.")]
-
-
-def _in_one_direction(spans: Sequence[Span], rigid: Rigid) -> list[Finding]:
-    """That the constant torque has the Coulomb friction in it."""
-    if turns_both_ways(spans):
-        return []
-    forward = spans[0].speed.mean() > 0.0
-    return [Finding(
-        "note", "idle-and-coulomb-together",
-        "All intervals turn one way, so idle torque and Coulomb friction cannot be told apart; "
-        f"{rigid.names['motor.idle_torque']} holds the idle torque {'plus' if forward else 'less'} the Coulomb "
-        "friction.", {"forward": int(forward)},
-        "Add intervals in the other direction, if the machine may go that way.")]
 
 
 def _bent(shared: Estimate, cut: Sequence[Experiment], start: Drive, options: Options) -> list[Finding]:
@@ -311,15 +301,3 @@ def _picture(spans: Sequence[Span], rigid: Drive, drive: Drive) -> Exhibit:
     return Exhibit("steady", "Torque less what accelerates", f"speed [{drive.motion_unit}/s]",
                    f"torque [{drive.torque_unit}]", curves)
 
-
-def _record(experiment: Experiment, spans: Sequence[Span], drive: Drive) -> Exhibit:
-    """The recording with its intervals of constant torque marked."""
-    time, speed = experiment.time, speed_of(experiment, "motor", "the picture")
-    marked = np.full(len(speed), np.nan)
-    for s in spans:
-        marked[s.first:s.last] = speed[s.first:s.last]
-    return Exhibit(
-        "record", f"Intervals of constant torque in {experiment.name}", "time [s]",
-        f"motor speed [{drive.motion_unit}/s]",
-        {"measured speed": (time, speed), "intervals of constant torque": (time, marked),
-         f"torque [{drive.torque_unit}]": (time, experiment.signals["motor_torque"])})

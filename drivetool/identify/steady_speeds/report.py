@@ -81,12 +81,7 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
     unit = drive.torque_unit
     forward, backward = int(np.sum(points.speed > 0)), int(np.sum(points.speed < 0))
     if 0 in (forward, backward) and None not in (task.names["idle_torque"], task.names["coulomb"]):
-        sign = "plus" if forward else "less"
-        found.append(Finding(
-            "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and "
-            f"Coulomb friction cannot be told apart; {task.names['idle_torque']} holds the idle torque "
-            f"{sign} the Coulomb friction.", {"forward": forward, "backward": backward},
-            "Add steady intervals in the other direction, if the machine may turn that way."))
+        found.append(in_one_direction(str(task.names["idle_torque"]), forward, backward))
     if line.conditional:
         speed = float(np.mean(points.levels))
         loose = " and ".join(task.names[key] for key in line.conditional)
@@ -149,18 +144,31 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
                 curves[label] = (ends, line.torque(ends))
         shown.append(Exhibit("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
                              f"torque [{unit}]", curves))
-    # Two lines are drawn through the same intervals.
-    spans = results[0][1].intervals
-    for experiment in experiments:
-        speed, time = speed_of(experiment, "motor", "the picture"), experiment.time
-        marked = np.full(len(speed), np.nan)
-        for span in spans:
-            if span.file == experiment.name:
-                inside = slice(*(max(round((t - experiment.offset) / experiment.step), 0)
-                                 for t in (span.start, span.end)))
-                marked[inside] = speed[inside]
-        shown.append(Exhibit(
-            "record", f"Steady intervals in {experiment.name}", "time [s]", f"motor speed [{motion}/s]",
-            {"measured speed": (time, speed), "steady intervals": (time, marked),
-             f"torque [{unit}]": (time, experiment.signals["motor_torque"])}))
+    spans = results[0][1].intervals  # two lines are drawn through the same ones
+    for e in experiments:
+        inside = [tuple(max(round((t - e.offset) / e.step), 0) for t in (span.start, span.end))
+                  for span in spans if span.file == e.name]
+        shown.append(record_with("steady intervals", e, inside, drive))
     return tuple(shown)
+
+
+def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ...]], drive: Drive) -> Exhibit:
+    """A recording with some of its samples, (first, last+1) each, marked as what they are."""
+    time, speed = experiment.time, speed_of(experiment, "motor", "the picture")
+    marked = np.full(len(speed), np.nan)
+    for first, last in spans:
+        marked[first:last] = speed[first:last]
+    return Exhibit(
+        "record", f"{what[0].upper()}{what[1:]} in {experiment.name}", "time [s]",
+        f"motor speed [{drive.motion_unit}/s]",
+        {"measured speed": (time, speed), what: (time, marked),
+         f"torque [{drive.torque_unit}]": (time, experiment.signals["motor_torque"])})
+
+
+def in_one_direction(idle: str, forward: int, backward: int) -> Finding:
+    """That an idle torque has the Coulomb friction in it; idle: its name; the intervals of either direction."""
+    return Finding(
+        "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and "
+        f"Coulomb friction cannot be told apart; {idle} holds the idle torque {'plus' if forward else 'less'} "
+        "the Coulomb friction.", {"forward": forward, "backward": backward},
+        "Add steady intervals in the other direction, if the machine may turn that way.")

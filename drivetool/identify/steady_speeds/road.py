@@ -17,7 +17,7 @@ from drivetool.identify.results import Z95
 from drivetool.logs.experiment import Experiment, numbered
 
 STANDARD_GRAVITY = 9.80665  # m/s^2, CGPM 1901
-# Probability of the difference between the recordings' constant torques by chance, below which each has its own.
+# Probability by chance, below which recordings have constant torques of their own, or intervals no common line.
 UNLIKELY = 1e-3
 APART = 3.0  # standard deviations: a torque along the way of so many is stated as a slope
 IDLE = "motor.idle_torque"
