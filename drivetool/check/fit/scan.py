@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 
+from drivetool.check.fit.fixed_lines import FixedLines
 from drivetool.check.fit.model import BROKEN, Model, begun, everything, few_steps, judge
 from drivetool.check.fit.structure import carried, may_have_tip, with_large_tip, with_middle, with_tip
 from drivetool.drive.linearise import state_space
@@ -113,7 +115,7 @@ def likely_orders(base: Model) -> list[float]:
 
     A torque sin(n angle) reaches the innovations through the drive and its steady-state filter: its
     response at the frequency n times the speed gives size and phase from sample to sample, and the
-    score of an order is what that shape explains.
+    score of an order is what that shape explains. What a fixed frequency explains better is a hum, and no order.
     """
     z, angles, speeds = innovations(base)
     reach = max(float(np.ptp(a)) for a in angles)
@@ -131,11 +133,14 @@ def likely_orders(base: Model) -> list[float]:
     response = disturbance_response(base, lines)
     first = round(float(grid[0]) / spacing)
     upper, lower = np.zeros(len(grid), complex), np.zeros(len(grid))
-    for e, angle, speed in zip(z, angles, speeds, strict=True):
-        upper += _over_angle(asked_for(e, response, lines, step), angle, reach)[first:first + len(grid)]
+    asked = [asked_for(e, response, lines, step) for e in z]
+    for torque, angle, speed in zip(asked, angles, speeds, strict=True):
+        upper += _over_angle(torque, angle, reach)[first:first + len(grid)]
         lower += left_by(grid, speed, response, lines)
     scores = np.abs(upper) ** 2 / np.maximum(lower, 1e-300)
-    return [float(grid[i]) for i in valleys(-scores)[:KEEP]]
+    fixed = FixedLines(asked, lines, response, step)
+    found = (i for i in valleys(-scores) if not fixed.explains(grid[i], scores[i], asked, angles, speeds))
+    return [float(grid[i]) for i in islice(found, KEEP)]
 
 
 def asked_for(e: np.ndarray, response: np.ndarray, lines: np.ndarray, step: float) -> np.ndarray:
