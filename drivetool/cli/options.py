@@ -54,6 +54,7 @@ class MethodName(StrEnum):
 
     speeds = "speeds"
     acceleration = "acceleration"
+    coast_down = "coast-down"
 
 
 class StructureName(StrEnum):
@@ -106,7 +107,11 @@ Record = Annotated[list[str] | None, _option(
     "NAME=VALUE, known; free=NAME,NAME, fitted anew; start=rest, start=STATE=VALUE or start=free; repeatable.")]
 Method = Annotated[MethodName, _option(
     "--method", help="speeds: friction from intervals of constant speed; acceleration: mass and friction from "
-    "intervals of constant torque, up and coasting.")]
+    "intervals of constant torque, up and coasting; coast-down: ratios of friction and inertia from running down "
+    "without torque, both where a torque is known.")]
+FluxDecay = Annotated[float | None, _option(
+    "--flux-decay", metavar="S", min=0.0, help="coast-down: time in s after switching off that is left out, until "
+    "the flux of an induction motor has decayed. Default: 0.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]

@@ -3,7 +3,7 @@
 from drivetool.cli import options as cli
 from drivetool.cli.step import estimator_command
 
-HELP = "The friction line from constant speeds, or mass and friction from constant torques."
+HELP = "Friction from constant speeds, mass too from constant torques, ratios of both from a coast-down."
 EXAMPLE = "drivetool steady steady.parquet --out steady.yaml --plot pictures"
 
 
@@ -13,4 +13,6 @@ def _load():
     return steady
 
 
-command = estimator_command("steady", _load, {"method": (cli.Method, cli.MethodName.speeds)})
+command = estimator_command("steady", _load, {
+    "method": (cli.Method, cli.MethodName.speeds), "flux_decay": (cli.FluxDecay, None),
+    "record": (cli.Record, None)})

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Estimator = Callable[..., Estimate]
 
 
-OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method")
+OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method", "flux_decay")
 
 
 def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),

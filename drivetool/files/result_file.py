@@ -118,8 +118,8 @@ def parameter_section(parameter: Parameter) -> shapes.ParameterSection:
 def _derived(estimate: Estimate) -> dict[str, shapes.DerivedSection]:
     """What follows from the parameters."""
     return {p.name: shapes.DerivedSection(plain(p.value), p.unit, plain(p.std), plain(p.ci95), p.reason)
-            for p in derived(estimate.drive, estimate.parameters, estimate.covariance,
-                             estimate.options.get("hold", ()))}
+            for p in (*estimate.ratios, *derived(estimate.drive, estimate.parameters, estimate.covariance,
+                                                 estimate.options.get("hold", ())))}
 
 
 def _laws(laws: Sequence[FoundLaw]) -> list[shapes.LawSection]:

@@ -259,7 +259,8 @@ class ParameterFile(Shape):
         dict[str, ParameterSection | float],
         Meta(description="by name; a bare number is in the drive's own unit")] = {}
     derived: Annotated[dict[str, DerivedSection], Meta(
-        description="of a drive with a shaft: resonances, their damping ratios by all friction, the total inertia",
+        description="what follows from the parameters: resonances and their damping ratios by all friction, the "
+                    "total inertia, forces at a radius; of a coast-down, friction over inertia",
         )] | UnsetType = UNSET
     explanation: Annotated[str, Meta(
         description="which explanation of the record was chosen, and why")] | UnsetType = UNSET

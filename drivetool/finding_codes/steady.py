@@ -3,6 +3,10 @@
 from drivetool.finding_codes.code import NOTE, NOTE_OR_WARNING, WARNING, Code
 
 CODES = {
+    "coast-down-found": Code(
+        NOTE,
+        "No torque is logged but zeros, and the drive runs down. `steady` takes the recording as a coast-down.",
+        "Say so with `--method coast-down`, or record constant speeds under torque."),
     "constant-torque-along": Code(
         NOTE_OR_WARNING,
         "Recordings at constant torque differ in their constant friction by more than noise explains, or the drive "
@@ -18,6 +22,11 @@ CODES = {
         "Over intervals of constant torque the friction is fitted as a line over the speed. The recordings tell a "
         "square besides, by more than four standard deviations: drag of the air, or another law that bends.",
         "Fit it with `greybox --free motor.drag` on the same recordings."),
+    "friction-law-incomplete": Code(
+        WARNING,
+        "A run-down without torque leaves more than the steps of the sensor explain. The friction follows another "
+        "law over the speed than viscous and Coulomb friction.",
+        "Look at the picture, and fit a further law with `steady --method coast-down --free`."),
     "idle-and-coulomb-together": Code(
         NOTE,
         "All steady intervals have one direction. Idle torque and Coulomb friction are not identifiable "
@@ -38,11 +47,21 @@ CODES = {
         "All steady intervals have one speed. The slope and the offset of the friction line are not identifiable "
         "separately.",
         "Record steady intervals at two or more speeds, far apart."),
+    "ratios-only": Code(
+        NOTE,
+        "Without a torque, inertia and friction multiplied by one number run down alike. Their ratios have "
+        "intervals, they themselves have none.",
+        "Record a stretch under a logged torque, or repeat with a known inertia added, or hold what is known."),
     "rotating-parts-unknown": Code(
         WARNING,
         "Intervals of constant torque tell what the motor accelerates in all. The inertia of a part of it is not "
         "known, so that the stated mass or inertia has that part in it, and no interval.",
         "Give the inertia with `--set`, or fit a recording with the load clamped beside this one."),
+    "run-downs-differ": Code(
+        WARNING,
+        "Several run-downs of one drive do not have one friction: fitted singly, their ratios of friction to "
+        "inertia scatter more than their intervals allow. The intervals are of the mean over such runs.",
+        "Record when the temperature has settled, or note it with each recording."),
     "scatter-beyond-noise": Code(
         WARNING,
         "The steady points scatter about the friction line more than their noise explains, by a chi-square test "
@@ -57,4 +76,9 @@ CODES = {
         NOTE,
         "Steady intervals at standstill are left out, since static friction takes any torque there.",
         "Nothing."),
+    "switched-off-assumed": Code(
+        NOTE,
+        "No torque was logged. The drive is taken to run down without one from where its speed has left the "
+        "highest value.",
+        "Leave out what belongs to the switching with `--flux-decay`, or `--condition 'keep from=..'`."),
 }

@@ -127,6 +127,7 @@ class Estimate:
     starts      how the starts agreed, where there was a choice
     explanation which explanation of the record was chosen, and why, in one sentence
     laws        torques that the motion foretells; no part of the drive
+    ratios      figures that are told beside the parameters, or without them
     repeats     whether one-step errors are still correlated: something is left out
     """
 
@@ -145,4 +146,5 @@ class Estimate:
     starts: Starts | None = None
     explanation: str = ""
     laws: tuple[FoundLaw, ...] = ()
+    ratios: tuple[Parameter, ...] = ()
     repeats: bool = False

@@ -9,7 +9,7 @@ from drivetool.identify.estimate import Covariance
 from drivetool.identify.start import Start
 
 Criterion = Literal["auto", "innovations", "simulation", "frequency", "inverse"]
-Method = Literal["speeds", "acceleration"]
+Method = Literal["speeds", "acceleration", "coast-down"]
 Weighting = Literal["variance", "coherence"]
 
 
@@ -32,7 +32,9 @@ class Options:
     weighting  of a fit in the frequency domain: by the measured variance (maximum likelihood), or by
                coherence over frequency
     band       (low, high) Hz of a fit in the frequency domain; None: where the record is excited
-    method     steady: speeds, from intervals of constant speed; acceleration, from those of constant torque
+    method     steady: speeds, from intervals of constant speed; acceleration, from those of constant torque;
+               coast-down, from running down without torque. flux_decay: time after switching off that a coast-down
+               leaves out [s]
     start      greybox and backlash: what is known of the state in which every recording begins
     known      covariance of the values that the parameter files bring, so that the interval of
                what is fitted includes the uncertainty of what is held
@@ -50,5 +52,6 @@ class Options:
     weighting: Weighting = "variance"
     band: tuple[float, float] | None = None
     method: Method = "speeds"
+    flux_decay: float | None = None
     start: Start = field(default_factory=Start)
     known: Covariance | None = None

@@ -1,13 +1,15 @@
-"""Friction from running at constant speeds: the first step of the identification."""
+"""Friction from running at constant speeds, constant torques, or down: the first step of the identification."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.errors import BadOption, BadRecording, Finding, NotEnoughData
+from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.identify.coast_down.off import Stretch, run_downs
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.rates import at_rates
@@ -51,16 +53,17 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
 
         return acceleration(at_rates("steady", experiments, options), drive, options)
     experiments = at_rates("steady", experiments, options)
-    if not any(np.nanmax(np.abs(e.signal("motor_torque", "the friction")), initial=0.0) > 0.0 for e in experiments):
-        raise BadRecording(
-            "a motor torque other than zero", f"zeros throughout in {', '.join(e.name for e in experiments)}",
-            "Check the channel. Of a coast-down greybox tells ratios; for friction record speeds under power.")
-    intervals = [i for experiment in experiments for i in find_intervals(experiment)]
+    if options.method == "coast-down" or not any(_driven(e) for e in experiments):
+        return _coast_down(experiments, drive, options)
+    off = run_downs(experiments)
+    intervals = [i for experiment in experiments for i in find_intervals(experiment)
+                 if not any(_within(i, s, experiments[s.recording]) for s in off)]
     if not intervals:
         raise NotEnoughData(
             "intervals of constant speed and torque", f"none in {', '.join(e.name for e in experiments)}",
             "Record with the speed controller on, and hold each of several speeds until the torque settles. Where "
-            "a drive accelerates at constant torque, and coasts, take --method acceleration.")
+            "a drive accelerates at constant torque, and coasts, take --method acceleration; where it "
+            "runs down without torque, --method coast-down.")
     tasks = _tasks(intervals, drive, options)
     results = []
     for task in tasks:
@@ -70,6 +73,31 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
                                 "Sticking friction hides the rest at standstill; run at several speeds.")
         results.append((task, points, fit_line(points, task.held, task.start, task.carried, task.what)))
     return _estimate(experiments, drive, options, intervals, results)
+
+
+def _within(interval: Interval, stretch: Stretch, experiment: Experiment) -> bool:
+    """Whether an interval is part of a run-down: counts may be as many per sample for a while."""
+    begin, end = (experiment.offset + k * experiment.step for k in (stretch.first, stretch.last))
+    return interval.file == experiment.name and interval.start < end and interval.end > begin and abs(
+        interval.mean("motor_speed")) > 0.0
+
+
+def _coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """The estimate of a coast-down; that it was one, where nobody said so."""
+    from drivetool.identify.coast_down.estimator import coast_down
+
+    found = coast_down(experiments, drive, options)
+    if options.method == "coast-down":
+        return found
+    return replace(found, findings=(Finding(
+        "note", "coast-down-found", "This is a coast-down: no torque is logged but zeros, and the drive runs "
+        "down.", {}, "Say --method coast-down, or record constant speeds under torque."),
+        *found.findings))
+
+
+def _driven(experiment: Experiment) -> bool:
+    """Whether a torque was logged that is not zero throughout."""
+    return bool(np.nanmax(np.abs(experiment.signals.get("motor_torque", np.zeros(1))), initial=0.0) > 0.0)
 
 
 def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> list[Task]:

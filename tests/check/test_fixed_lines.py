@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.fit import fixed_lines
-from drivetool.check.fit.fixed_lines import BETTER, FixedLines
+from drivetool.check.fit import scan
+from drivetool.check.fit.scan import BETTER, FixedLines
 
 STEP, SIZE = 1e-3, 8000
 LINES = np.linspace(0.0, 450.0, 2001)[1:]
@@ -64,7 +64,7 @@ def test_many_short_stretches_of_noise_make_no_frequency_better():
 
 @pytest.mark.parametrize(("factor", "share"), [(0.5, 1.0), (2.0, 0.65)])
 def test_half_and_double_of_the_factor_are_wrong(monkeypatch, factor, share):
-    monkeypatch.setattr(fixed_lines, "BETTER", factor * BETTER)
+    monkeypatch.setattr(scan, "BETTER", factor * BETTER)
     ripple = factor < 1.0
     wave = (lambda angle: np.sin(7.0 * angle)) if ripple else (lambda _: np.sin(2.0 * np.pi * 50.0 * TIME))
     order = 7.0 if ripple else 2.0 * np.pi * 50.0 / 10.0

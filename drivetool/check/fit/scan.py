@@ -7,7 +7,6 @@ from itertools import islice
 
 import numpy as np
 
-from drivetool.check.fit.fixed_lines import FixedLines
 from drivetool.check.fit.model import BROKEN, Model, begun, everything, few_steps, judge
 from drivetool.check.fit.structure import carried, may_have_tip, with_large_tip, with_middle, with_tip
 from drivetool.drive.linearise import state_space
@@ -32,6 +31,10 @@ ORDERS = 6000  # most orders looked at
 PERIODS = 2.0  # of a ripple that the motion must go through, for it to repeat
 HIGHEST = 0.45  # of the sampling rate, up to which a ripple is followed
 FOLLOWED = 0.5  # share of the samples, the slow ones, in which an order must be followed to be looked for
+# Times the score of an order that a fixed frequency must have, to be what stands behind it. At a steady speed both
+# explain the same, and half a step of the grid between two orders, or two frequencies, costs up to a fifth.
+BETTER = 1.5
+TAIL = 0.1  # share of the score of an order that the slowest samples, and the fastest, may add for chance
 LINES = 2000  # frequencies up to there at which its trace is known
 CELLS, SPEEDS = 1 << 17, 256  # of the angle and of the speed, in which orders are looked for
 
@@ -141,6 +144,34 @@ def likely_orders(base: Model) -> list[float]:
     fixed = FixedLines(asked, lines, response, step)
     found = (i for i in valleys(-scores) if not fixed.explains(grid[i], scores[i], asked, angles, speeds))
     return [float(grid[i]) for i in islice(found, KEEP)]
+
+
+class FixedLines:
+    """What each fixed frequency explains of the torque that innovations ask for, in the unit of a score."""
+
+    def __init__(self, torque: Sequence[np.ndarray], lines: np.ndarray, response: np.ndarray, step: float) -> None:
+        """torque (n,) per trace; response (LINES, outputs) of innovations to it at lines (LINES,) [Hz]"""
+        size = 1 << (2 * max(len(t) for t in torque) - 1).bit_length()
+        self.frequency = np.fft.rfftfreq(size, step)
+        self.frequency = self.frequency[self.frequency <= lines[-1]]
+        power = np.interp(self.frequency, lines, (np.abs(response) ** 2).sum(axis=1))
+        spectra = [np.abs(np.fft.rfft(t, size)[:len(power)]) ** 2 / len(t) for t in torque]
+        score = sum(spectra) / np.maximum(power, 1e-300)
+        # Each trace has a phase of its own, with which noise alone explains one part more.
+        self.score = score - (1.0 - 1.0 / len(spectra)) * np.median(score)
+
+    def explains(self, order: float, score: float, torque: Sequence[np.ndarray], angles: Sequence[np.ndarray],
+                 speeds: Sequence[np.ndarray]) -> bool:
+        """Whether one frequency explains more than an order does, among those at which the order explains it."""
+        asked = [t * np.exp(-1j * order * a) for t, a in zip(torque, angles, strict=True)]
+        total = sum(complex(a.sum()) for a in asked)
+        speed = np.abs(np.concatenate(speeds))
+        at = np.argsort(speed, kind="stable")
+        grown = np.cumsum((np.concatenate(asked) * np.conj(total)).real[at]) / abs(total) ** 2
+        low, high = speed[at[np.argmax(grown >= TAIL)]], speed[at[np.flatnonzero(grown <= 1.0 - TAIL)[-1]]]
+        inside = slice(*np.searchsorted(self.frequency, order / (2.0 * np.pi) * np.array([low, high]) + np.array(
+            [-1.0, 1.0]) * (self.frequency[1] - self.frequency[0])))
+        return bool(len(self.score[inside]) and self.score[inside].max() > BETTER * score)
 
 
 def asked_for(e: np.ndarray, response: np.ndarray, lines: np.ndarray, step: float) -> np.ndarray:

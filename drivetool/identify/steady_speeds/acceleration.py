@@ -76,7 +76,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
                     hold=tuple(n for n in rigid.names if rigid.names[n] in options.hold))
     shared, cut = _fitted(experiments, spans, start, asked)
     found = mean_of_recordings(shared, cut, start, asked)
-    estimate = _in_the_drive(found.estimate, drive, rigid)
+    estimate = in_the_drive(found.estimate, drive, rigid)
     road = slope_of_the_road(found, estimate, drive, rigid.target)
     forward = sum(bool(s.speed.mean() > 0.0) for s in spans)
     one_way = [] if turns_both_ways(spans) else [
@@ -196,8 +196,8 @@ def _bent(shared: Estimate, cut: Sequence[Experiment], start: Drive, options: Op
         f"{found.drive.values['motor.inertia']:.3g} --free motor.drag.")]
 
 
-def _in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
-    """What was found of one body as parameters of the drive."""
+def in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
+    """What was found of one body, its motor, as parameters of the drive that it stands for."""
     lines = {p.name: _line(p, drive, rigid) for p in found.parameters if p.name in rigid.names}
     values = {p.name: p.value for p in lines.values() if np.isfinite(p.value)}
     if values[rigid.target] <= 0.0:

@@ -1,0 +1,1 @@
+"""A drive that is switched off runs down: friction over inertia, and both where a scale is known."""

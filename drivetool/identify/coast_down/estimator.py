@@ -1,0 +1,254 @@
+"""Friction and inertia of a drive that runs down without torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import nnls
+
+from drivetool.drive.chain import AT, Drive, one_body, shared
+from drivetool.errors import BadOption
+from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit
+from drivetool.identify.coast_down.off import Stretch, stretches_of
+from drivetool.identify.coast_down.readings import reading_of
+from drivetool.identify.coast_down.report import (
+    between_runs,
+    exhibits,
+    findings,
+    outcome,
+    ratio_lines,
+)
+from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.options import Options
+from drivetool.identify.results import Z95
+from drivetool.identify.steady_speeds.acceleration import in_the_drive, rigid_of
+from drivetool.logs.experiment import Experiment, sources
+
+INERTIA = "motor.inertia"
+FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
+PARTS = 40  # of a run-down, whose mean speeds give start values
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What makes torques of accelerations: nothing, or what a person reads in `by`."""
+
+    by: tuple[str, ...]
+
+    @property
+    def known(self) -> bool:
+        """Whether anything does."""
+        return bool(self.by)
+
+
+def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """Ratios of friction to inertia from running down without torque; friction and inertia where a scale is known.
+
+    J dw/dt = T - T0 - B w - Tc sgn(w), with the further laws of options.free, is simulated and compared with
+    counts, an angle or a speed by least squares. Without a torque everything may be multiplied by one factor:
+    then only ratios have intervals. The factor is fixed by a stretch under torque, by a known added inertia, and
+    by a friction or an inertia that is held or comes with an interval from a parameter file.
+
+    experiments  motor_angle or motor_speed; motor_torque where it was logged, else the drive is taken to run down
+                 from its highest speed on
+    drive        start values; what is held
+    options      flux_decay: time after switching off that is left out [s]
+    returns      Estimate of inertia, viscous and Coulomb friction, in both directions of the idle torque
+    raises       NotEnoughData: nothing runs down without torque; BadRecording: too few counts; BadOption
+    source       coast-down of an induction motor, REFERENCES
+    """
+    stretches = stretches_of(experiments, options.flux_decay or 0.0)
+    runs = [_run(experiments[s.recording], s) for s in stretches]
+    several = len(drive.bodies) > 1
+    rigid = rigid_of(drive, replace(options, free=())) if several else None
+    names = dict(rigid.names) if rigid else {n: n for n in (INERTIA, *FRICTION)}
+    if several and options.free:
+        raise BadOption("no --free for a coast-down of several bodies", f"--free {options.free[0]}",
+                        "They run down as one: fit further laws with --drive one-body.")
+    own = _one_body(drive, names) if several else drive
+    held = {n for n, whole in names.items() if whole in options.hold}
+    prior = _prior(own, options.known, held, {v: k for k, v in names.items()})
+    scale = _scale(own, stretches, held, prior)
+    start = _started(own, runs, stretches, scale, held)
+    both = len({_sign(r) for r in runs}) == 2
+    free = [n for n in (INERTIA, *FRICTION) if n not in held and (n != FRICTION[2] or both)
+            and (n != INERTIA or scale.known)]
+    free += [n for n in options.free if n not in free and n != "all"]
+    prior = prior.of(free)
+    fitted = fit(start, free, runs, prior)
+    spread = between_runs(start, free, runs, stretches, fitted)
+    if spread.changes:  # the residuals of all together have the differences in them
+        fitted = replace(fitted, covariance=fitted.white + spread.added)
+    values = dict(zip(free, map(float, fitted.values), strict=True))
+    ended = start.with_values(values)
+    lines = _lines(own, ended, free, fitted, scale, held, both)
+    told = [i for i, n in enumerate(free) if scale.known or not _of_torque(ended, n)]
+    kept = {p.name: p.value for p in lines if np.isfinite(p.value)}
+    result = Estimate(
+        step="steady", drive=own.with_values(kept), parameters=lines,
+        outcome=outcome(stretches, experiments, scale.by), fit=_figures(fitted, runs, stretches),
+        covariance=_covariance(free, told, fitted),
+        details={"scale": list(scale.by), "spans": _listed(stretches, experiments),
+                 "sensor": _sensor(fitted)},
+        findings=tuple(findings(fitted, runs, stretches, experiments, scale.by, spread)),
+        data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
+        ratios=ratio_lines(ended, free, fitted))
+    if rigid is None:
+        return result
+    if scale.known:
+        return in_the_drive(result, drive, rigid)
+    lines = tuple(replace(p, name=names[p.name], unit=drive.unit(names[p.name])) for p in lines)
+    return replace(result, drive=drive, parameters=lines)
+
+
+def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Covariance | None:
+    """Of the parameters that have intervals."""
+    return Covariance(tuple(free[i] for i in told), fitted.covariance[np.ix_(told, told)]) if told else None
+
+
+def _run(experiment: Experiment, stretch: Stretch) -> Run:
+    """A stretch as it is fitted."""
+    a, b = stretch.first, stretch.last
+    torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
+    return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,
+               experiment.offset + a * experiment.step)
+
+
+def _one_body(drive: Drive, names: Mapping[str, str]) -> Drive:
+    """The whole drive as one body, with what is known of it."""
+    own = one_body(drive.torque_unit, drive.motion_unit)
+    friction = {n: drive.values.get(whole) for n, whole in names.items() if n != INERTIA}
+    return own.with_values({n: v for n, v in friction.items() if v is not None})
+
+
+def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[str, str]) -> Prior:
+    """What parameter files tell of inertia and friction, by the names of one body."""
+    at = [i for i, n in enumerate(known.names) if own.get(n) in (INERTIA, *FRICTION)] if known else []
+    at = [i for i in at if own[known.names[i]] not in held and drive.values.get(own[known.names[i]]) is not None]
+    if not at:
+        return NOTHING
+    names = tuple(own[known.names[i]] for i in at)
+    return Prior(names, np.array([drive.values[n] for n in names]), known.matrix[np.ix_(at, at)])
+
+
+def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior) -> Scale:
+    """What fixes the factor between accelerations and torques."""
+    by = ["a stretch under torque"] if any(not s.off for s in stretches) else []
+    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n]
+    by += ["a known added inertia"] if any(added) else []
+    by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
+    return Scale((*by, *(f"{n} by its file" for n in prior.names)))
+
+
+def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
+             held: set[str]) -> Drive:
+    """Start values: ratios from mean speeds of the run-downs, and an inertia where there is a scale."""
+    rates = _ratios([r for r, s in zip(runs, stretches, strict=True) if s.off])
+    inertia = 1.0
+    if scale.known:
+        inertia = drive.value(INERTIA) or _first_inertia(runs, stretches, rates, drive)
+    found = {INERTIA: inertia, FRICTION[0]: inertia * rates[0], FRICTION[1]: inertia * rates[1], FRICTION[2]: 0.0}
+    if scale.known:
+        found |= {n: drive.value(n) or 0.0 for n in held}
+    return drive.with_values(found)
+
+
+def _ratios(runs: Sequence[Run]) -> np.ndarray:
+    """(2,) viscous and Coulomb friction over the inertia, not negative."""
+    rows, rates = [], []
+    for run in runs:
+        speed, rate = _slopes(run)
+        rows.append(np.column_stack([np.abs(speed), np.ones(len(speed))]))
+        rates.append(-np.sign(speed) * rate)
+    found = nnls(np.concatenate(rows), np.concatenate(rates))[0]
+    return np.maximum(found, 1e-3 * np.abs(np.concatenate(rates)).max() / np.concatenate(rows).max(axis=0))
+
+
+def _slopes(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """(mean speeds, accelerations) between the parts of a run."""
+    r = run.reading
+    at = r.known
+    ends = np.unique(at[np.linspace(0, len(at) - 1, min(PARTS, len(at) // 2) + 1).round().astype(int)])
+    time = ends * r.step
+    if r.role == "motor_angle":
+        speed = np.diff(r.values[ends]) / np.diff(time)
+        middle = 0.5 * (time[1:] + time[:-1])
+    else:
+        speed = np.array([np.nanmean(r.values[a:b]) for a, b in pairwise(ends)])
+        middle = 0.5 * (time[1:] + time[:-1])
+    moves = np.abs(speed) > 0.0
+    speed, middle = speed[moves], middle[moves]
+    return 0.5 * (speed[1:] + speed[:-1]), np.diff(speed) / np.diff(middle)
+
+
+def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.ndarray, drive: Drive) -> float:
+    """From the mean torque where one acts and the rates at which friction brakes; else from known friction."""
+    top, bottom = 0.0, 0.0
+    for run, s in zip(runs, stretches, strict=True):
+        if not s.off:
+            speed, rate = _slopes(run)
+            asked = float(np.mean(rate + rates[0] * speed + rates[1] * np.sign(speed)))
+            top, bottom = top + float(np.mean(run.torque)) * asked, bottom + asked**2
+    if top > 0.0:
+        return top / bottom
+    for n, rate in zip(FRICTION, rates, strict=False):
+        if drive.value(n):
+            return drive.value(n) / rate
+    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia")]
+    return max(added, default=1.0) or 1.0
+
+
+def _sign(run: Run) -> float:
+    values = run.reading.values[run.reading.known]
+    return float(np.sign(values[-1] - values[0] if run.reading.role == "motor_angle" else np.mean(values)))
+
+
+def _of_torque(drive: Drive, name: str) -> bool:
+    """Whether a parameter is a torque over something, which a scale multiplies."""
+    return "{T}" in drive.quantity(name).unit
+
+
+def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale: Scale, held: set[str],
+           both: bool) -> tuple[Parameter, ...]:
+    """Inertia and friction, with intervals where a scale is known; others where they need none."""
+    lines = []
+    for name in dict.fromkeys((INERTIA, *FRICTION, *free)):
+        unit, begun = own.unit(name), own.values.get(name)
+        if name in held:
+            lines.append(Parameter(name, own.value(name), unit, begun, status="held", reason="held by --hold"))
+        elif name not in free and name != INERTIA:
+            lines.append(Parameter(name, own.value(name) or 0.0, unit, begun, status="not-identifiable",
+                                   reason="one direction only: counted in the Coulomb friction"))
+        elif not scale.known and (name == INERTIA or _of_torque(ended, name)):
+            lines.append(Parameter(name, begun if begun is not None else np.nan, unit, begun,
+                                   status="not-identifiable",
+                                   reason="without a torque only the ratio of friction to inertia shows"))
+        else:
+            value, std = ended.values[name], fitted.std(name)
+            low = ended.quantity(name).bounds[0]
+            lines.append(Parameter(name, value, unit, begun, std, (max(value - Z95 * std, low), value + Z95 * std)))
+    return tuple(lines)
+
+
+def _figures(fitted: Fitted, runs: Sequence[Run], stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
+    """Figures of the fit: the errors of the run-downs in the sensor's unit."""
+    raw = np.concatenate([e * r.std[r.known] for e, r in zip(fitted.by_run, fitted.readings, strict=True)])
+    about = np.concatenate([r.values[r.known] - r.values[r.known].mean() for r in fitted.readings])
+    return {"simulation_fit_percent": 100.0 * (1.0 - float(np.sqrt(np.mean(raw**2) / np.mean(about**2)))),
+            "one_step_fit_percent": None, "rmse": float(np.sqrt(np.mean(raw**2))), "n": len(raw),
+            "run_downs": sum(s.off for s in stretches), "chi2": fitted.chi_square, "chi2_dof": fitted.dof}
+
+
+def _sensor(fitted: Fitted) -> list[dict[str, float | str]]:
+    """What is known of each sensor."""
+    return [{"role": r.role, "count": r.count, "error_beyond_counts": r.error} if r.count else
+            {"role": r.role, "std": float(np.nanmedian(r.std))} for r in fitted.readings]
+
+
+def _listed(stretches: Sequence[Stretch], experiments: Sequence[Experiment]) -> list[dict[str, object]]:
+    """The stretches as plain numbers."""
+    return [{"file": e.name, "start": e.offset + s.first * e.step, "end": e.offset + s.last * e.step,
+             "torque": "off" if s.off else "on"} for s in stretches for e in (experiments[s.recording],)]

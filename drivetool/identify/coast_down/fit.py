@@ -1,0 +1,212 @@
+"""Least squares of a simulated run-down and of what was measured of it, each value with its own weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from drivetool.drive.chain import Drive
+from drivetool.drive.simulate import Trace
+from drivetool.identify.coast_down.readings import Reading, placed, with_error
+from drivetool.identify.problem import Problem
+from drivetool.identify.setup import Roles, first_states, problem_of
+
+ROUNDS = 12  # at most, in which counts are placed by the speed of the fit before
+SETTLED = 0.01  # of a standard deviation, by which the values may still move; of a count, the error of its edges
+BLOCKS = 30  # parts of the residuals, by whose sums their correlation is judged
+MOST = 60  # steps of the solver
+RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
+GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
+
+
+@dataclass(frozen=True)
+class Run:
+    """A stretch to fit: what was measured, torque (n,) that acted, number and name of the recording."""
+
+    reading: Reading
+    torque: np.ndarray
+    record: int
+    name: str
+    origin: float
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of parameters beforehand: names, values (p,), covariance (p, p)."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+
+    def of(self, free: Sequence[str]) -> Prior:
+        """The part of it that concerns what is fitted."""
+        at = [i for i, n in enumerate(self.names) if n in free]
+        return Prior(tuple(self.names[i] for i in at), self.values[at], self.covariance[np.ix_(at, at)])
+
+
+NOTHING = Prior((), np.empty(0), np.empty((0, 0)))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Where a fit ended.
+
+    values      (k,) of the free parameters, with their covariance (k, k); white: by the weights alone
+    starts      start states per run; readings: with the placement of their counts
+    left        residuals over their standard deviation (m,), all runs; speed (m,) of the motor there;
+                loose (m,) whether each sees another part of a count than the one before
+    chi_square  of m - unknowns degrees of freedom
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    white: np.ndarray
+    starts: tuple[np.ndarray, ...]
+    readings: tuple[Reading, ...]
+    left: np.ndarray
+    speed: np.ndarray
+    loose: np.ndarray
+    chi_square: float
+    dof: int
+
+    @property
+    def misfit(self) -> float:
+        """Probability that chance makes the means of the residuals over the speed as large.
+
+        By the steps of counters alone: the noise of another sensor is not known to be white.
+        """
+        if not all(r.count for r in self.readings):
+            return 1.0
+        left, speed = self.left[self.loose], self.speed[self.loose]
+        groups = np.array_split(left[np.argsort(speed, kind="stable")], GROUPS)
+        square = sum(len(g) * float(g.mean()) ** 2 for g in groups if len(g))
+        return float(chi2.sf(square, GROUPS))
+
+    @property
+    def by_run(self) -> list[np.ndarray]:
+        """The residuals of each run."""
+        return np.split(self.left, np.cumsum([len(r.known) for r in self.readings])[:-1])
+
+    def std(self, name: str) -> float:
+        """Standard deviation of a free parameter."""
+        i = self.names.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+
+def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
+        prior: Prior) -> Fitted:
+    """Fit parameters and the start states of all runs.
+
+    drive  at its start values; free: names of the parameters that are fitted
+    prior  what is known of them beforehand
+    """
+    values = np.array([drive.value(n) for n in free], float)
+    starts, readings = None, [r.reading for r in runs]
+    for _ in range(ROUNDS):
+        used, before = readings, values
+        problems = [_problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
+        starts = starts or [first_states(drive, _roles(r), p.traces, free)[0]
+                            for p, r in zip(problems, used, strict=True)]
+        values, starts, rows, left = _solved(problems, used, values, starts, prior)
+        speeds = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)[1][:, 0]
+                  for p, s in zip(problems, starts, strict=True)]
+        residuals = np.concatenate(left)
+        covariance, white = _covariances(rows, residuals, len(free))
+        std = np.sqrt(np.maximum(np.diag(white), 1e-300))
+        if not any(r.count for r in used):
+            break
+        readings = [placed(with_error(r, e * r.std[r.known]), w) if r.count else r
+                    for r, e, w in zip(used, left, speeds, strict=True)]
+        blurs = [abs(r.error - u.error) for r, u in zip(readings, used, strict=True)]
+        if np.all(np.abs(values - before) < SETTLED * std) and all(
+                b <= SETTLED * r.count for b, r in zip(blurs, readings, strict=True)):
+            break
+    return Fitted(tuple(free), values, covariance, white, tuple(starts), tuple(used),
+                  residuals, np.concatenate([w[r.known] for r, w in zip(used, speeds, strict=True)]),
+                  np.concatenate([r.loose(w)[r.known] for r, w in zip(used, speeds, strict=True)]),
+                  float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
+
+
+def _roles(reading: Reading) -> Roles:
+    return Roles(("motor_torque",), (reading.role,))
+
+
+def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
+    trace = Trace(run.torque[:, None], reading.values[:, None], reading.step, run.name, run.origin, run.record)
+    return problem_of(drive, free, _roles(reading), (trace,))
+
+
+def _solved(problems: Sequence[Problem], readings: Sequence[Reading], values: np.ndarray,
+            starts: Sequence[np.ndarray], prior: Prior,
+            ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray, list[np.ndarray]]:
+    """Where it ends: values, start states, weighted derivatives (m + priors, unknowns), residuals per run."""
+    k, names = len(values), problems[0].names
+    free_start = [np.array([i for i in p.free_start if i not in p.known(0)], int) for p in problems]
+    ends = k + np.cumsum([0, *map(len, free_start)])
+    known = [names.index(n) for n in prior.names]
+    white = np.linalg.inv(np.linalg.cholesky(prior.covariance)) if known else np.empty((0, 0))
+
+    def parts(x: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        left, rows = [], []
+        for p, r, start, own, a, b in zip(problems, readings, starts, free_start, ends[:-1], ends[1:], strict=True):
+            begin = start.copy()
+            begin[own] = x[a:b]
+            plant, at = p.plants(x[:k], True)[0], r.known
+            out, slopes = plant.jacobian(p.traces[0], begin)
+            weight = 1.0 / r.std[at]
+            left.append((out[at, 0] - r.values[at]) * weight)
+            block = np.zeros((len(at), ends[-1]))
+            block[:, :k] = slopes[at, 0, :k] * weight[:, None]
+            block[:, a:b] = slopes[at, 0][:, plant.system.nq + own] * weight[:, None]
+            rows.append(block)
+        if known:
+            left.append(white @ (x[known] - prior.values))
+            rows.append(white @ np.eye(ends[-1])[known])
+        return left, np.concatenate(rows)
+
+    memory: dict[bytes, tuple[list[np.ndarray], np.ndarray]] = {}
+
+    def at(x: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        key = x.tobytes()
+        if key not in memory:
+            memory.clear()
+            memory[key] = parts(x)
+        return memory[key]
+
+    first = np.concatenate([values, *(s[own] for s, own in zip(starts, free_start, strict=True))])
+    low = np.concatenate([problems[0].low, np.full(ends[-1] - k, -np.inf)])
+    high = np.concatenate([problems[0].high, np.full(ends[-1] - k, np.inf)])
+    found = least_squares(lambda x: np.concatenate(at(x)[0]), np.clip(first, low, high), lambda x: at(x)[1],
+                          (low, high), "dogbox", x_scale="jac", ftol=1e-12, xtol=1e-12, gtol=1e-12, max_nfev=MOST).x
+    left, rows = at(found)
+    ended = []
+    for start, own, a, b in zip(starts, free_start, ends[:-1], ends[1:], strict=True):
+        begin = start.copy()
+        begin[own] = found[a:b]
+        ended.append(begin)
+    return found[:k], ended, rows, left[:len(problems)]
+
+
+def _covariances(rows: np.ndarray, left: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """(k, k) of the free parameters: by how the residuals add up in blocks, if that is more; by the weights.
+
+    Where the sensor's steps follow the motion for a while, as at a count per sample, or its noise is filtered, the
+    residuals are correlated. Sums over blocks that are longer than that say what they leave.
+    """
+    size = np.sqrt((rows**2).sum(axis=0))
+    size[size == 0.0] = 1.0
+    scaled = rows / size
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=RANK, hermitian=True)
+    edges = np.linspace(0, len(left), BLOCKS + 1).round().astype(int)
+    sums = np.array([scaled[a:b].T @ left[a:b] for a, b in pairwise(edges)])
+    told = scaled[len(left):]
+    blocks = inverse @ (sums.T @ sums * BLOCKS / (BLOCKS - 1) + told.T @ told) @ inverse
+    more = np.sqrt(np.maximum(np.diag(blocks) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    white = (inverse / np.outer(size, size))[:k, :k]
+    return white * np.outer(more, more)[:k, :k], white

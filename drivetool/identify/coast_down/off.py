@@ -1,0 +1,109 @@
+"""Where a drive runs without torque, and where it is still driven."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from drivetool.errors import NotEnoughData
+from drivetool.identify.setup import white_std
+from drivetool.identify.steady_speeds.points import speed_of
+from drivetool.identify.steady_speeds.state import block_means
+from drivetool.logs.experiment import Experiment
+from drivetool.logs.samples.spikes import quantum
+
+NOISE = 5.0  # standard deviations of the torque's white noise: chance exceeds them once in a million samples
+STEPS = 5.0  # steps or noises of the sensor, that a drive which runs down must go, or be fast, at least
+FALLS = 0.01  # share of its speed that a drive without torque loses at least: what does not is driven by something
+LEAST = 50  # samples of a stretch that is worth one
+BLOCKS = 200  # means of the speed, by which the beginning is found where no torque was logged
+BEGUN = 0.98  # of the highest speed, below which a drive without a logged torque is taken to run down
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples first to last of a recording, by its number in a list; off: no torque acts."""
+
+    recording: int
+    first: int
+    last: int
+    off: bool
+
+
+def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretch]:
+    """Stretches without torque, each after the flux has decayed, and those under torque before them.
+
+    decay   time after switching off that is left out [s]
+    raises  NotEnoughData: none without torque, or none that moves
+    """
+    found = [s for i, e in enumerate(experiments) for s in _of_one(i, e, decay) if _moves(e, s)]
+    if not any(s.off for s in found):
+        raise NotEnoughData(
+            "a stretch in which the drive runs down without torque",
+            f"none in {', '.join(e.name for e in experiments)}",
+            "Switch the drive off at speed and record until it stands. Where it was driven, check the channel of "
+            "its torque; without one cut the record to the run-down with --condition 'keep from=2 to=8'.")
+    return found
+
+
+def run_downs(experiments: Sequence[Experiment]) -> list[Stretch]:
+    """The stretches without torque in which the drive runs down."""
+    return [s for i, e in enumerate(experiments) for s in _of_one(i, e, 0.0) if s.off and _moves(e, s)]
+
+
+def _moves(experiment: Experiment, stretch: Stretch) -> bool:
+    """Whether a stretch goes some steps of its sensor, or noises, and without torque becomes slower."""
+    role = "motor_angle" if "motor_angle" in experiment.signals else "motor_speed"
+    y = experiment.signal(role, "the coast-down")[stretch.first:stretch.last]
+    least = STEPS * max(quantum(y) if role == "motor_angle" else 0.0, white_std([y]))
+    if not (np.nanmax(y) - np.nanmin(y) if role == "motor_angle" else abs(np.nanmean(y))) > least:
+        return False
+    tenth, known = len(y) // 10, np.flatnonzero(np.isfinite(y))
+    head, tail = (known[(known >= a) & (known < b)] for a, b in ((0, tenth), (len(y) - tenth, len(y))))
+    if not stretch.off or min(len(head), len(tail)) < 2:
+        return not stretch.off
+    begun, ended = ((y[k[-1]] - y[k[0]]) / (k[-1] - k[0]) if role == "motor_angle" else y[k].mean()
+                    for k in (head, tail))
+    return bool(abs(ended) < (1.0 - FALLS) * abs(begun))
+
+
+def _of_one(number: int, experiment: Experiment, decay: float) -> list[Stretch]:
+    """The stretches of one recording."""
+    skip, logged = int(np.ceil(decay / experiment.step)), "motor_torque" in experiment.signals
+    found: list[Stretch] = []
+    for a, b in experiment.segments:
+        first = a if logged else _falls_from(experiment, a, b)
+        for begin, end, off in _runs(experiment.signals["motor_torque"][a:b] if logged else np.zeros(b - first)):
+            # At the very beginning of a record with its torque nobody knows since when it has been off.
+            start = first + begin + (skip if off and (begin > 0 or not logged) else 0)
+            if first + end - start >= LEAST:
+                found.append(Stretch(number, start, first + end, off))
+    return found
+
+
+def _runs(torque: np.ndarray) -> list[tuple[int, int, bool]]:
+    """(first, last + 1, whether off) of the stretches of a torque (n,), none shorter than LEAST called off."""
+    off = np.abs(torque) <= NOISE * _noise(torque)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], off.astype(int), [0]]))).reshape(-1, 2)
+    for first, last in edges:
+        off[first:last] = last - first >= LEAST
+    ends = np.flatnonzero(np.diff(np.concatenate([[2], off.astype(int), [2]])))
+    return [(int(first), int(last), bool(off[first])) for first, last in pairwise(ends)]
+
+
+def _noise(torque: np.ndarray) -> float:
+    """Standard deviation of a torque's white noise, of which steps and few outliers make nothing."""
+    third = np.abs(np.diff(torque, 3))
+    return float(np.nanmedian(third)) / (0.6745 * np.sqrt(20.0)) if len(third) else 0.0
+
+
+def _falls_from(experiment: Experiment, a: int, b: int) -> int:
+    """The sample from which the speed has left its highest value for good."""
+    speed = np.abs(speed_of(experiment, "motor", "the coast-down")[a:b])
+    size = max(1, (b - a) // BLOCKS)
+    means = block_means(speed, size)
+    high = np.flatnonzero(means >= BEGUN * np.nanmax(means))
+    return a + int(high[-1] + 1) * size if len(high) else a

@@ -1,0 +1,156 @@
+"""What a coast-down says: ratios, what differs between run-downs, findings and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import Finding
+from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
+from drivetool.identify.coast_down.off import Stretch
+from drivetool.identify.estimate import Exhibit, Parameter
+from drivetool.identify.results import Z95
+from drivetool.identify.steady_speeds.points import speed_of
+from drivetool.logs.experiment import Experiment
+
+INERTIA = "motor.inertia"
+# Unit of a parameter -> unit of it over the inertia.
+OVER_INERTIA = {"{T}": "{q}/s^2", "{T} s/{q}": "1/s", "{T} s^2/{q}^2": "1/{q}", "{T} s^2/{q}": ""}
+UNLIKELY = 1e-3  # chance below which run-downs are said to differ, and a law to be another
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How run-downs differ: probability by chance, changes of the ratios from the first to the last in per cent.
+
+    added  (k, k) covariance of the mean that it adds
+    """
+
+    probability: float
+    changes: Mapping[str, float]
+    added: np.ndarray
+
+
+def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Parameter, ...]:
+    """Every torque that was fitted over the inertia, with its interval."""
+    found = []
+    inertia = drive.values[INERTIA]
+    for i, name in enumerate(free):
+        if name == INERTIA or "{T}" not in drive.quantity(name).unit:
+            continue
+        value, slope = drive.values[name] / inertia, np.zeros(len(free))
+        slope[i] = 1.0 / inertia
+        if INERTIA in free:
+            slope[free.index(INERTIA)] = -value / inertia
+        std = float(np.sqrt(max(slope @ fitted.covariance @ slope, 0.0)))
+        found.append(Parameter(
+            f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia", value, _unit(drive, name), None, std,
+            (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
+    return tuple(found)
+
+
+def _unit(drive: Drive, name: str) -> str:
+    """The unit of a parameter over that of the inertia."""
+    unit = drive.quantity(name).unit
+    return OVER_INERTIA[unit].replace("{q}", drive.motion_unit) if unit in OVER_INERTIA else \
+        f"{drive.unit(name)}/({drive.unit(INERTIA)})"
+
+
+def between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run], stretches: Sequence[Stretch],
+                 fitted: Fitted) -> Spread:
+    """Whether run-downs have one friction: each is fitted by itself, with the inertia of all.
+
+    The chi-square of the single values about their mean says how likely chance makes them differ so.
+    """
+    k, none = len(free), np.zeros((len(free), len(free)))
+    own = [n for n in free if n in ("motor.viscous", "motor.coulomb")]
+    alone = [r for r, s in zip(runs, stretches, strict=True) if s.off]
+    if len(alone) < 2 or not own:
+        return Spread(1.0, {}, none)
+    ended = start.with_values(dict(zip(free, map(float, fitted.values), strict=True)))
+    singles = [fit(ended, own, [run], NOTHING) for run in alone]
+    weights = [np.linalg.pinv(f.covariance, hermitian=True) for f in singles]
+    mean = np.linalg.pinv(np.sum(weights, axis=0), hermitian=True) @ np.sum(
+        [w @ f.values for w, f in zip(weights, singles, strict=True)], axis=0)
+    square = sum(float((f.values - mean) @ w @ (f.values - mean)) for w, f in zip(weights, singles, strict=True))
+    probability = float(chi2.sf(square, (len(alone) - 1) * len(own)))
+    if probability > UNLIKELY:
+        return Spread(probability, {}, none)
+    values = np.array([f.values for f in singles])
+    added, at = np.zeros((k, k)), [free.index(n) for n in own]
+    added[np.ix_(at, at)] = np.cov(values.T).reshape(len(own), len(own)) / len(alone)
+    speed = float(np.median(np.abs(fitted.speed)))
+    brakes = values @ np.array([speed if n == "motor.viscous" else 1.0 for n in own])
+    changes = {n.partition(".")[2]: 100.0 * float(v[-1] / v[0] - 1.0)
+               for n, v in zip(own, values.T, strict=True) if v[0]}
+    return Spread(probability, changes | {"together": 100.0 * float(brakes[-1] / brakes[0] - 1.0)}, added)
+
+
+def outcome(stretches: Sequence[Stretch], experiments: Sequence[Experiment], by: Sequence[str]) -> str:
+    """One sentence."""
+    off = [s for s in stretches if s.off]
+    seconds = sum((s.last - s.first) * experiments[s.recording].step for s in off)
+    scale = f"torques by {' and '.join(by)}" if by else "only ratios to the inertia, as no torque is known"
+    return f"{len(off)} run-down{'s' if len(off) > 1 else ''} without torque, {seconds:.4g} s; {scale}."
+
+
+def findings(fitted: Fitted, runs: Sequence[Run], stretches: Sequence[Stretch], experiments: Sequence[Experiment],
+             by: Sequence[str], spread: Spread) -> list[Finding]:
+    """What a person should know of it."""
+    found = []
+    if not by:
+        found.append(Finding(
+            "note", "ratios-only", "Nothing here fixes the scale of the torques: inertia and friction multiplied "
+            "by one number run down alike, so only the ratios under derived have intervals.", {},
+            "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
+            "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
+    if any("motor_torque" not in experiments[s.recording].signals for s in stretches):
+        found.append(Finding(
+            "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
+            "where its speed has left the highest value.", {},
+            "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'."))
+    if fitted.misfit < UNLIKELY:
+        found.append(Finding(
+            "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
+            f"{fitted.misfit:.1g} by chance): the friction follows another law.", {"probability": fitted.misfit},
+            "Look at the picture, and fit a further law: --free motor.drag, or --free motor.stribeck --free "
+            "motor.stribeck_speed."))
+    if spread.changes:
+        told = ", ".join(f"{n} by {v:+.2g} %" for n, v in spread.changes.items() if n != "together")
+        found.append(Finding(
+            "warning", "run-downs-differ", f"From the first run-down to the last the friction changes: {told}, "
+            f"together by {spread.changes['together']:+.2g} %. Chance would do that with a probability of "
+            f"{spread.probability:.1g}. The intervals are of the mean of runs like these.",
+            dict(spread.changes) | {"probability": spread.probability},
+            "A machine that warms up loses friction: record when its temperature has settled, or note it too."))
+    return found
+
+
+def exhibits(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: Fitted,
+             drive: Drive) -> tuple[Exhibit, ...]:
+    """The recordings with the run-downs marked, and what is left over the speed."""
+    shown = [_left(fitted, drive)]
+    for k, e in enumerate(experiments):
+        time, speed = e.time, speed_of(e, "motor", "the picture")
+        marked = np.full(len(speed), np.nan)
+        for s in stretches:
+            if s.recording == k and s.off:
+                marked[s.first:s.last] = speed[s.first:s.last]
+        shown.append(Exhibit("record", f"Run-downs in {e.name}", "time [s]", f"motor speed [{drive.motion_unit}/s]",
+                             {"measured speed": (time, speed), "without torque": (time, marked)}))
+    return tuple(shown)
+
+
+def _left(fitted: Fitted, drive: Drive) -> Exhibit:
+    """Residuals over the speed, means of groups of samples with their standard error."""
+    order = np.argsort(fitted.speed)
+    groups = [g for g in np.array_split(order, GROUPS) if len(g)]
+    speed = np.array([fitted.speed[g].mean() for g in groups])
+    left = np.array([fitted.left[g].mean() for g in groups])
+    std = np.array([fitted.left[g].std() / np.sqrt(len(g)) for g in groups])
+    return Exhibit("steady", "Run-down: simulated less measured, means", f"speed [{drive.motion_unit}/s]",
+                   "error over its standard deviation", {"points": (speed, left), "std": (speed, std)})

@@ -1,0 +1,271 @@
+"""A run-down without torque tells ratios, and inertia and friction once anything fixes the scale of torques."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from drivetool.drive.chain import one_body, two_mass
+from drivetool.errors import DriveToolError, NotEnoughData
+from drivetool.identify.coast_down import fit as fitting
+from drivetool.identify.coast_down.off import stretches_of
+from drivetool.identify.coast_down.readings import reading_of
+from drivetool.identify.estimate import Covariance
+from drivetool.identify.options import Options
+from drivetool.identify.steady import steady
+from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
+
+PAPER = Motor()
+RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia,
+          "coulomb_over_inertia": PAPER.coulomb / PAPER.inertia}
+VALUES = {"motor.inertia": PAPER.inertia, "motor.viscous": PAPER.viscous, "motor.coulomb": PAPER.coulomb}
+HOW = Options(method="coast-down")
+
+
+def told(estimate, names):
+    """(value, std, inside the interval) of parameters or ratios."""
+    lines = {p.name: p for p in (*estimate.parameters, *estimate.ratios)}
+    return {n: (lines[n].value, lines[n].std, lines[n].ci95[0] <= truth <= lines[n].ci95[1])
+            for n, truth in names.items()}
+
+
+def codes(estimate):
+    return {f.code for f in estimate.findings}
+
+
+def inside(count, n):
+    """Whether a count of intervals that hold goes with a share of 92 to 97 %."""
+    return binom.cdf(count, n, 0.92) > 0.005 and binom.sf(count - 1, n, 0.97) > 0.005
+
+
+def test_the_run_down_of_the_paper_tells_both_ratios_and_nothing_else():
+    estimate = steady([run_down(1)], one_body(), Options())
+    for name, (value, std, _) in told(estimate, RATIOS).items():
+        assert value == pytest.approx(RATIOS[name], rel=2e-4)
+        assert 1.96 * std < 2e-4 * value
+    assert all(p.std is None and p.status == "not-identifiable" for p in estimate.parameters)
+    assert estimate.covariance is None
+    assert {"ratios-only", "switched-off-assumed", "coast-down-found"} <= codes(estimate)
+    assert "friction-law-incomplete" not in codes(estimate)
+
+
+@pytest.mark.parametrize("n", [pytest.param(200, marks=pytest.mark.slow), 12])
+def test_intervals_of_ratios_hold(n):
+    angle, _ = motion(PAPER, lambda t: 0.0, 2250 * RPM, 75 * RPM, 5.0)
+    rng, found = np.random.default_rng(48), []
+    for seed in range(n):
+        first = int(rng.integers(0, 400))  # the phase of the counts, and the speed at which they begin
+        e = recording(seed, motor_angle=counts(angle[first:], 100 + seed))
+        found.append(told(steady([e], one_body(), HOW), RATIOS))
+    for name in RATIOS:
+        held = sum(f[name][2] for f in found)
+        assert inside(held, n), (name, held, n)
+        scatter = np.std([f[name][0] for f in found], ddof=1)
+        if n >= 60:
+            assert 0.5 < np.median([f[name][1] for f in found]) / scatter < 2.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_stretch_under_torque_gives_the_scale(seed):
+    estimate = steady([driven_then_off(seed)], one_body(), HOW)
+    for name, (value, std, _) in told(estimate, VALUES).items():
+        assert value == pytest.approx(VALUES[name], rel=5e-4)
+        assert abs(value - VALUES[name]) < 3.5 * std
+    assert estimate.covariance.names == tuple(VALUES)
+    assert not {"ratios-only", "switched-off-assumed", "friction-law-incomplete"} & codes(estimate)
+
+
+def test_a_torque_scale_wrong_by_one_per_cent_is_one_per_cent_of_the_inertia():
+    found = [told(steady([driven_then_off(1, scale)], one_body(), HOW), VALUES)["motor.inertia"][0]
+             for scale in (1.0, 1.01)]
+    assert found[1] / found[0] == pytest.approx(1.01, rel=1e-4)
+
+
+def test_a_known_added_inertia_gives_the_scale():
+    added = 5e-5
+    plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
+    drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values(
+        {f"motor.added_inertia@{loaded.name}": added})
+    for name, (value, std, _) in told(steady([plain, loaded], drive, HOW), VALUES).items():
+        assert value == pytest.approx(VALUES[name], rel=5e-4)
+        assert abs(value - VALUES[name]) < 3.5 * std
+
+
+def test_an_unknown_added_inertia_is_a_ratio():
+    """Belt and pulley: on, and taken off."""
+    added = 5e-5
+    plain, loaded = run_down(1), run_down(2, replace(PAPER, inertia=PAPER.inertia + added))
+    name = f"motor.added_inertia@{loaded.name}"
+    drive = replace(one_body(), records={loaded.name: loaded.sha256}).with_values({name: 1e-5})
+    estimate = steady([plain, loaded], drive, replace(HOW, free=(name,)))
+    (line,) = (p for p in estimate.ratios if p.name.startswith("added_inertia"))
+    assert abs(line.value - added / PAPER.inertia) < 3.0 * line.std
+    assert line.std < 1e-4 * line.value
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_what_is_held_gives_the_scale(name):
+    drive = one_body().with_values({name: VALUES[name]})
+    others = {n: v for n, v in VALUES.items() if n != name}
+    found = told(steady([run_down(1)], drive, replace(HOW, hold=(name,))), others)
+    for other, (value, std, _) in found.items():
+        assert abs(value - VALUES[other]) < 3.5 * std and std < 1e-4 * value
+
+
+def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
+    drive, std = one_body().with_values({"motor.coulomb": PAPER.coulomb}), 0.03 * PAPER.coulomb
+    known = Covariance(("motor.coulomb",), np.array([[std**2]]))
+    value, found, held = told(steady([run_down(1)], drive, replace(HOW, known=known)), VALUES)["motor.inertia"]
+    assert found / value == pytest.approx(0.03, rel=0.01)
+    assert held
+
+
+def test_a_start_value_of_the_inertia_is_no_scale():
+    for start in (1e-5, 1e-3):
+        estimate = steady([run_down(1)], one_body().with_values({"motor.inertia": start}), HOW)
+        assert all(p.std is None for p in estimate.parameters)
+        assert told(estimate, RATIOS)["viscous_over_inertia"][0] == pytest.approx(1.23327, rel=1e-4)
+
+
+@pytest.mark.parametrize("pulses", [1000, 4000])
+def test_to_standstill_and_backwards(pulses):
+    """Friction that stops the drive within a sample of 0.15 rad/s, and a second of standstill."""
+    angle, _ = motion(replace(PAPER, breakaway_speed=1e-3), lambda t: 0.0, 2000 * RPM, 1e-4, 5.0)
+    angle = np.concatenate([angle, np.full(8000, angle[-1])])
+    for sign in (1.0, -1.0):
+        e = recording(1, motor_angle=counts(sign * angle, 5, pulses), motor_torque=np.zeros(len(angle)))
+        for value, std, _ in (found := told(steady([e], one_body(), Options()), RATIOS)).values():
+            assert std < 1e-4 * value
+        for name, (value, std, _) in found.items():
+            assert abs(value - RATIOS[name]) < 3.5 * std, (sign, name)
+
+
+def test_both_directions_tell_the_idle_torque():
+    idle = 0.002
+    angles = [motion(replace(PAPER, coulomb=PAPER.coulomb + s * idle), lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)[0]
+              for s in (1.0, -1.0)]
+    both = [recording(k, f"{k}.parquet", motor_angle=counts(s * a, k)) for k, (s, a) in
+            enumerate(zip((1.0, -1.0), angles, strict=True), 1)]
+    ratios = RATIOS | {"idle_torque_over_inertia": idle / PAPER.inertia}
+    for name, (value, std, _) in told(steady(both, one_body(), HOW), ratios).items():
+        assert abs(value - ratios[name]) < 3.5 * std, name
+
+
+def test_of_two_bodies_the_whole_runs_down():
+    drive = two_mass().with_values({"motor.inertia": 5e-5})
+    estimate = steady([driven_then_off(1)], drive, HOW)
+    values = {p.name: p.value for p in estimate.parameters}
+    assert values["load.inertia"] == pytest.approx(PAPER.inertia - 5e-5, rel=1e-3)
+    assert estimate.drive.values["total.viscous"] == pytest.approx(PAPER.viscous, rel=1e-3)
+    ratios = steady([run_down(1)], two_mass(), HOW)
+    assert told(ratios, RATIOS)["coulomb_over_inertia"][0] == pytest.approx(148.55, rel=1e-4)
+    assert "load.inertia" not in ratios.drive.values
+
+
+@pytest.mark.parametrize("make", [
+    lambda speed, rng: speed[::20] + rng.normal(0.0, 0.2, len(speed[::20])),
+    lambda speed, rng: speed[::20]])
+def test_a_speed_is_read_too(make):
+    _, speed = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
+    e = recording(1, step=20 * STEP, motor_speed=make(speed, np.random.default_rng(2)))
+    for name, (value, std, _) in told(steady([e], one_body(), HOW), RATIOS).items():
+        assert abs(value - RATIOS[name]) < max(3.5 * std, 1e-6 * value), name
+
+
+def test_an_encoder_that_errs_beyond_its_counts_is_said_and_widens_the_intervals():
+    angle, _ = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
+    width = 2.0 * np.pi / 1000
+    found = []
+    for seed in range(12):
+        # Edges off by a tenth of a count, each by its own.
+        edges = np.arange(int(angle[-1] / width) + 2) * width
+        edges = edges + np.random.default_rng(seed).normal(0.0, 0.1 * width, len(edges))
+        e = recording(seed, motor_angle=(np.searchsorted(edges, angle, "right") - 1.0) * width)
+        estimate = steady([e], one_body(), HOW)
+        (sensor,) = estimate.details["sensor"]
+        assert sensor["error_beyond_counts"] == pytest.approx(0.1 * width, rel=0.1)
+        found.append(told(estimate, RATIOS))
+    assert sum(f["coulomb_over_inertia"][2] for f in found) >= 9
+
+
+def test_a_friction_of_another_law_is_said():
+    estimate = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), HOW)
+    assert "friction-law-incomplete" in codes(estimate)
+    mended = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), replace(HOW, free=("motor.drag",)))
+    assert "friction-law-incomplete" not in codes(mended)
+    (line,) = (p for p in mended.ratios if p.name == "drag_over_inertia")
+    assert abs(line.value - 1e-8 / PAPER.inertia) < 3.5 * line.std
+
+
+def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_mean():
+    runs = [run_down(k, replace(PAPER, viscous=PAPER.viscous * (1.0 - 0.01 * k))) for k in range(4)]
+    estimate = steady(runs, one_body(), HOW)
+    (finding,) = (f for f in estimate.findings if f.code == "run-downs-differ")
+    assert finding.evidence["viscous"] == pytest.approx(-3.0, abs=0.1)
+    value, std, held = told(estimate, {"viscous_over_inertia": RATIOS["viscous_over_inertia"] * 0.985})[
+        "viscous_over_inertia"]
+    assert held and std / value == pytest.approx(0.0065, rel=0.1)
+    alike = steady([run_down(k) for k in range(4)], one_body(), HOW)
+    assert "run-downs-differ" not in codes(alike)
+
+
+def test_no_interval_of_a_run_down_is_steady_before_it_stands():
+    """Driven at a constant speed, then off: by counts, by four times as many, by speed, by a noisy speed."""
+    rng, k = np.random.default_rng(4), 8000
+    for seed in range(20):
+        motor = replace(PAPER, viscous=PAPER.viscous * rng.uniform(0.0, 5.0),
+                        coulomb=PAPER.coulomb * rng.uniform(0.2, 3.0))
+        fast = rng.uniform(500, 3000) * RPM
+        angle, speed = motion(motor, lambda t: 0.0, fast, 30 * RPM, 20.0)
+        angle = np.concatenate([fast * STEP * np.arange(k), fast * STEP * k + angle])
+        speed = np.concatenate([np.full(k, fast), speed])
+        torque = np.where(np.arange(len(speed)) < k, motor.friction(fast), 0.0)
+        for signals in ({"motor_angle": counts(angle, seed)}, {"motor_angle": counts(angle, seed, 4000)},
+                        {"motor_speed": speed}, {"motor_speed": speed + rng.normal(0.0, 0.5, len(speed))}):
+            try:
+                found = steady([recording(seed, motor_torque=torque, **signals)], one_body(), Options())
+            except NotEnoughData:  # nor a constant speed before it, where that is exact
+                continue
+            ends = [p["end"] for p in found.details.get("points", [])]
+            assert max(ends, default=0.0) < (k + 50) * STEP, (seed, list(signals))
+
+
+def test_the_time_after_switching_off_is_left_out():
+    e = driven_then_off(1)
+    (_, plain), (_, later) = (stretches_of([e], decay) for decay in (0.0, 0.1))
+    assert later.first - plain.first == round(0.1 / STEP) and later.last == plain.last
+
+
+def test_a_noisy_torque_is_off_where_it_is_no_more_than_noise():
+    e = driven_then_off(1)
+    torque = e.signals["motor_torque"] + np.random.default_rng(3).normal(0.0, 0.002, e.size)
+    noisy = replace(e, signals={**e.signals, "motor_torque": torque})
+    assert [(s.first, s.last, s.off) for s in stretches_of([noisy], 0.0)] == [
+        (s.first, s.last, s.off) for s in stretches_of([e], 0.0)]
+    for name, (value, _, _) in told(steady([noisy], one_body(), HOW), VALUES).items():
+        assert value == pytest.approx(VALUES[name], rel=5e-3)
+
+
+@pytest.mark.parametrize(("signals", "says"), [
+    ({"motor_angle": np.floor(np.arange(8000) * 0.8) * 1e-2, "motor_torque": np.full(8000, 0.1)}, "without torque"),
+    ({"motor_angle": np.floor(np.arange(8000) * 0.8) * 1e-2}, "runs down"),
+    ({"motor_angle": np.zeros(8000)}, "runs down"),
+    ({"motor_angle": np.floor(np.sqrt(np.arange(8000.0)) / 8.0) * 1e-2, "motor_torque": np.zeros(8000)},
+     "20 counts")])
+def test_what_is_no_run_down_is_refused_with_what_to_record(signals, says):
+    with pytest.raises(DriveToolError, match=says) as caught:
+        steady([recording(1, **signals)], one_body(), HOW)
+    assert "ecord" in str(caught.value)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_half_and_double_of_a_count_per_sample_as_its_error_is_wrong(monkeypatch, factor):
+    monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM", factor / np.sqrt(12.0))
+    e = run_down(1)
+    begun = one_body().with_values({"motor.inertia": 1.0, "motor.viscous": 1.2, "motor.coulomb": 148.0})
+    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"),
+                        [fitting.Run(reading_of(e, 0, e.size), np.zeros(e.size), 0, "a", 0.0)], fitting.NOTHING)
+    assert not 0.9 < found.chi_square / found.dof < 1.1 or found.readings[0].error > 1e-4
