@@ -24,7 +24,7 @@ from drivetool.errors import BadParameters
 LINEAR = frozenset({"inertia", "added-inertia", "carried-mass", "clamp", "viscous", "shaft", "converter-lag",
                     "damping-in-gap", "dead-time", "friction-factor", "speed-filter"})
 TANGENT: Mapping[str, str] = MappingProxyType({  # code -> its law
-    "stribeck": "stribeck", "asymmetric-friction": "asymmetry", "quadratic-drag": "drag",
+    "stribeck": "stribeck", "breakaway": "breakaway", "asymmetric-friction": "asymmetry", "quadratic-drag": "drag",
     "hardening-stiffness": "hardening", "load-dependent-damping": "load-damping"})
 SIMULATED: Mapping[str, str] = MappingProxyType({
     "coulomb": "constant while a body moves; the simulation has it",

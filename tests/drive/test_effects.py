@@ -39,6 +39,7 @@ SMOOTH = {
     "carried-mass": {"load.carried_mass": 8.0, "load.radius": 0.4},
     "clamp": {"load.clamped": 1.0},
     "stribeck": {"load.stribeck": 3.0, "load.stribeck_speed": 0.2},
+    "breakaway": {"load.breakaway": 3.0, "load.breakaway_speed": 0.2},
     "asymmetric-friction": {"load.viscous_asymmetry": 0.2},
     "quadratic-drag": {"load.drag": 0.5},
     "friction-drift": {"load.drift_coulomb": 2.0, "load.drift_viscous": 0.3, "load.drift_time": 0.2},

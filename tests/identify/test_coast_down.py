@@ -261,6 +261,45 @@ def test_what_is_no_run_down_is_refused_with_what_to_record(signals, says):
     assert "ecord" in str(caught.value)
 
 
+BREAKAWAY = replace(HOW, free=("motor.breakaway", "motor.breakaway_speed"))
+
+
+def to_standstill(speed, seed):
+    """A run-down by counts of a motor whose breakaway torque is 1.5 times its Coulomb friction."""
+    motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=speed)
+    angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 1e-3, 5.0)
+    return recording(seed, motor_angle=counts(angle, seed))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("speed", [5.0, 20.0])
+def test_breakaway_in_a_run_down_to_standstill(speed, seed):
+    estimate = steady([to_standstill(speed, seed)], one_body(), BREAKAWAY)
+    surplus = 0.5 * PAPER.coulomb / PAPER.inertia
+    truths = RATIOS | {"breakaway_over_inertia": surplus, "motor.breakaway_speed": speed}
+    for name, (value, std, _) in (found := told(estimate, truths)).items():
+        assert abs(value - truths[name]) < 3.5 * std, name
+    assert found["breakaway_over_inertia"][0] == pytest.approx(surplus, rel=0.02)
+    assert found["motor.breakaway_speed"][0] == pytest.approx(speed, rel=0.01)
+    assert "friction-law-incomplete" not in codes(estimate)
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.5])
+def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
+    e = run_down(1, replace(PAPER, surplus=0.5 * PAPER.coulomb)) if speed == 0.02 else to_standstill(speed, 1)
+    estimate = steady([e], one_body(), BREAKAWAY)
+    assert not any(p.name.startswith("breakaway") for p in estimate.ratios)
+    (line,) = (p for p in estimate.parameters if p.name == "motor.breakaway_speed")
+    assert line.std is None and line.status == "not-identifiable"
+    for name, (value, std, _) in told(estimate, RATIOS).items():
+        assert abs(value - RATIOS[name]) < 3.5 * std
+
+
+def test_a_run_down_with_breakaway_fitted_without_it_is_said():
+    estimate = steady([to_standstill(5.0, 1)], one_body(), HOW)
+    assert "friction-law-incomplete" in codes(estimate)
+
+
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_half_and_double_of_a_count_per_sample_as_its_error_is_wrong(monkeypatch, factor):
     monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM", factor / np.sqrt(12.0))

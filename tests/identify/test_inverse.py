@@ -38,6 +38,8 @@ LAWS = {
     "coulomb": ({"coulomb": 0.4}, 0.4 * SIDE),
     "idle-torque": ({"idle_torque": -0.2}, -0.2 + 0.0 * W),
     "stribeck": ({"stribeck": 0.5, "stribeck_speed": 2.0}, 0.5 * SIDE * np.exp(-(W / 2.0) ** 2)),
+    "breakaway": ({"coulomb": 0.4, "breakaway": 0.5, "breakaway_speed": 2.0}, 0.4 * np.tanh(5.0 * W)
+                  + (2 * np.e) ** 0.5 * 0.5 * np.exp(-W * W / 8.0) * W / 8.0**0.5),
     "asymmetric-friction": ({"viscous_asymmetry": 0.1}, 0.1 * np.abs(W)),
     "quadratic-drag": ({"drag": 0.03}, 0.03 * W * np.abs(W)),
     "friction-drift": ({"drift_coulomb": 0.2, "drift_viscous": 0.1, "drift_time": 3.0},

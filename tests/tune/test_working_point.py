@@ -100,6 +100,9 @@ SLOPES = {
         -(w / 9) ** 2)),
     "stribeck-power": ({"stribeck": 0.4, "stribeck_speed": 9.0, "stribeck_power": 1.3}, lambda w: (
         -0.4 * 1.3 * (abs(w) / 9) ** 1.3 / max(abs(w), 1e-300) * np.exp(-(abs(w) / 9) ** 1.3))),
+    "breakaway": ({"coulomb": 0.2, "breakaway": 0.4, "breakaway_speed": 9.0}, lambda w: (
+        (2 * np.e) ** 0.5 * 0.4 * np.exp(-w * w / 162) * (1 - w * w / 81) / (2**0.5 * 9)
+        + 0.2 * 10 / 9 / np.cosh(10 * w / 9) ** 2)),
     "coulomb": ({"coulomb": 0.7}, lambda w: 0.0)}
 
 
@@ -206,11 +209,13 @@ def test_the_torque_ends_at_the_load_whatever_the_torque_path(values):
 EVERY = GEARED.with_values({"converter.dead_time": 1e-3})
 TO = {"order": 1.0, "damping": 0.3, "bandwidth": 50.0, "factor": 2.0, "ratio": 2.0, "dead_time": 4e-3,
       "interpolation": 0.5, "half_gap": 0.02, "hardening": 0.4, "hardening_twist": 0.02, "hardening_power": 1.0,
-      "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0, "clamped": 1.0}
+      "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0, "clamped": 1.0,
+      "breakaway_speed": 7.0}
 # Present beside the one that changes, for what acts only where another does.
 BESIDE = {"carried-mass": {"load.carried_mass": 0.1},
           "speed-filter": {"sensor.bandwidth": 80.0, "sensor.order": 2.0},
           "stribeck": {"load.stribeck": 2.0, "load.stribeck_speed": 5.0},
+          "breakaway": {"load.breakaway": 2.0, "load.breakaway_speed": 5.0},
           "hardening-stiffness": {"shaft.hardening": 0.3, "shaft.hardening_twist": 0.1, "load.coulomb": 2.0},
           "load-dependent-damping": {"load.coulomb": 2.0}}
 OWNERS = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}

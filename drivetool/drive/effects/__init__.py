@@ -6,6 +6,7 @@ from drivetool.drive.effects import (
     added_inertia,
     asymmetry,
     backlash,
+    breakaway,
     carried_mass,
     clamp,
     converter,
@@ -48,6 +49,7 @@ EFFECTS: tuple[Effect, ...] = (
     dead_time.EFFECT,
     interpolation.EFFECT,
     stribeck.EFFECT,
+    breakaway.EFFECT,
     asymmetry.EFFECT,
     drag.EFFECT,
     drift.EFFECT,
@@ -65,6 +67,7 @@ EFFECTS: tuple[Effect, ...] = (
 # torque, the derivatives over both its arguments, and those over its parameters.
 LAW_TORQUES: Mapping[str, Callable] = {
     "stribeck": stribeck.torque,
+    "breakaway": breakaway.torque,
     "asymmetry": asymmetry.torque,
     "drag": drag.torque,
     "drift": drift.torque,

@@ -5,13 +5,17 @@ as the other torques stay below the level: a set-valued law. The common tanh(w/s
 standstill by 1e-2 rad/s whatever the step, which a fit then takes for physics.
 """
 
+from drivetool.drive.effects import breakaway
 from drivetool.drive.effects.effect import Effect
 from drivetool.quantity import Quantity
 
 
 def stamp(assembly, body):
-    """-Tc sgn(w) on the body; sticking while |sum of the other torques| <= Tc."""
-    if assembly.acts(body, "coulomb"):
+    """-Tc sgn(w) on the body; sticking while |sum of the other torques| <= Tc.
+
+    With breakaway friction it is in that curve.
+    """
+    if assembly.acts(body, "coulomb") and not breakaway.there(assembly, body):
         assembly.friction(body, assembly.of_body(body, "coulomb"))
 
 

@@ -20,6 +20,7 @@ from drivetool.identify.coast_down.report import (
     findings,
     outcome,
     ratio_lines,
+    untold,
 )
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
@@ -29,6 +30,9 @@ from drivetool.logs.experiment import Experiment, sources
 
 INERTIA = "motor.inertia"
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
+SURPLUS = (".breakaway", ".stribeck")  # of friction at low speed, each with a speed of its own
+SHARE = 0.3  # of the Coulomb friction, from which a surplus begins
+SPEEDS = (1.0, 5.0, 25.0)  # from which its speed begins, in units of the motion per second
 PARTS = 40  # of a run-down, whose mean speeds give start values
 
 
@@ -78,7 +82,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
             and (n != INERTIA or scale.known)]
     free += [n for n in options.free if n not in free and n != "all"]
     prior = prior.of(free)
-    fitted = fit(start, free, runs, prior)
+    tried = [fit(each, free, runs, prior) for each in _begun(start, free)]
+    fitted = min(tried, key=lambda f: f.unlikely)
     spread = between_runs(start, free, runs, stretches, fitted)
     if spread.changes:  # the residuals of all together have the differences in them
         fitted = replace(fitted, covariance=fitted.white + spread.added)
@@ -156,6 +161,16 @@ def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], sc
     return drive.with_values(found)
 
 
+def _begun(start: Drive, free: Sequence[str]) -> list[Drive]:
+    """Where fits begin: at several speeds of a surplus of friction that is free and not known."""
+    found = [start]
+    for name in free:
+        if name.endswith(SURPLUS) and start.value(name) == 0.0:
+            surplus = SHARE * (start.value(name.rpartition(".")[0] + ".coulomb") or 0.0)
+            found = [d.with_values({name: surplus, f"{name}_speed": v}) for d in found for v in SPEEDS]
+    return found
+
+
 def _ratios(runs: Sequence[Run]) -> np.ndarray:
     """(2,) viscous and Coulomb friction over the inertia, not negative."""
     rows, rates = [], []
@@ -229,6 +244,10 @@ def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale:
         else:
             value, std = ended.values[name], fitted.std(name)
             low = ended.quantity(name).bounds[0]
+            if untold(name, free, fitted):
+                lines.append(Parameter(name, value, unit, begun, status="not-identifiable",
+                                       reason="it hardly moves these run-downs"))
+                continue
             lines.append(Parameter(name, value, unit, begun, std, (max(value - Z95 * std, low), value + Z95 * std)))
     return tuple(lines)
 

@@ -93,6 +93,11 @@ class Fitted:
         """The residuals of each run."""
         return np.split(self.left, np.cumsum([len(r.known) for r in self.readings])[:-1])
 
+    @property
+    def unlikely(self) -> float:
+        """Minus twice the logarithm of the likelihood, but for a constant."""
+        return self.chi_square + 2.0 * float(sum(np.log(r.std[r.known]).sum() for r in self.readings))
+
     def std(self, name: str) -> float:
         """Standard deviation of a free parameter."""
         i = self.names.index(name)
@@ -200,7 +205,8 @@ def _covariances(rows: np.ndarray, left: np.ndarray, k: int) -> tuple[np.ndarray
     residuals are correlated. Sums over blocks that are longer than that say what they leave.
     """
     size = np.sqrt((rows**2).sum(axis=0))
-    size[size == 0.0] = 1.0
+    mute = size == 0.0
+    size[mute] = 1.0
     scaled = rows / size
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=RANK, hermitian=True)
     edges = np.linspace(0, len(left), BLOCKS + 1).round().astype(int)
@@ -208,5 +214,7 @@ def _covariances(rows: np.ndarray, left: np.ndarray, k: int) -> tuple[np.ndarray
     told = scaled[len(left):]
     blocks = inverse @ (sums.T @ sums * BLOCKS / (BLOCKS - 1) + told.T @ told) @ inverse
     more = np.sqrt(np.maximum(np.diag(blocks) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    inverse[mute, mute] = np.inf  # what moves nothing is not known
+    more[mute] = 1.0
     white = (inverse / np.outer(size, size))[:k, :k]
     return white * np.outer(more, more)[:k, :k], white

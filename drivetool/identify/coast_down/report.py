@@ -18,6 +18,9 @@ from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.logs.experiment import Experiment
 
 INERTIA = "motor.inertia"
+FRICTION = ("inertia", "viscous", "coulomb", "idle_torque")  # what is stated however small
+# Share of a value that its standard deviation must be below, to be more than a guess: at half, zero is two away.
+TELLS = 0.5
 # Unit of a parameter -> unit of it over the inertia.
 OVER_INERTIA = {"{T}": "{q}/s^2", "{T} s/{q}": "1/s", "{T} s^2/{q}^2": "1/{q}", "{T} s^2/{q}": ""}
 UNLIKELY = 1e-3  # chance below which run-downs are said to differ, and a law to be another
@@ -46,11 +49,21 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Para
         slope[i] = 1.0 / inertia
         if INERTIA in free:
             slope[free.index(INERTIA)] = -value / inertia
-        std = float(np.sqrt(max(slope @ fitted.covariance @ slope, 0.0)))
+        variances = fitted.covariance[np.ix_(slope != 0.0, slope != 0.0)]
+        std = float(np.sqrt(max(slope[slope != 0.0] @ variances @ slope[slope != 0.0], 0.0)))
+        if untold(name, free, fitted):
+            continue
         found.append(Parameter(
             f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia", value, _unit(drive, name), None, std,
             (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
     return tuple(found)
+
+
+def untold(name: str, free: Sequence[str], fitted: Fitted) -> bool:
+    """Whether the run-downs hardly tell a further law, by any of its parameters."""
+    body, _, suffix = name.partition(".")
+    law = [n for n in free if n.startswith(f"{body}.{suffix.partition('_')[0]}")] if suffix not in FRICTION else []
+    return any(not fitted.std(n) < TELLS * abs(fitted.values[free.index(n)]) for n in law)
 
 
 def _unit(drive: Drive, name: str) -> str:

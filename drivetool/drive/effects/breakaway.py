@@ -1,0 +1,55 @@
+"""Breakaway friction without a standstill: Stribeck, Coulomb and viscous friction as one smooth curve through zero.
+
+Simulation tools use it where a true standstill is awkward. Near zero the curve is steep instead of set-valued, so
+that a body under a torque creeps. In its place stand Coulomb friction and the Stribeck effect, which stick.
+"""
+
+from math import exp, sqrt, tanh
+
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+PEAK = sqrt(2.0 * exp(1.0))  # makes the bell's highest value one
+BELL = sqrt(2.0)  # of the breakaway speed, the width of the bell: its peak is at the breakaway speed
+STEEP = 10.0  # breakaway speed over that of the Coulomb friction
+
+
+def torque(w, _, time, side, p, out):
+    """-(sqrt(2e) D exp(-r^2) r + Tc tanh(10 w/wb)), r = w / (sqrt(2) wb); Tc, D, wb = p[0..2]."""
+    r, turned = w / (BELL * p[2, 0]), tanh(STEEP * w / p[2, 0])
+    bell, steep = PEAK * exp(-r * r), 1.0 - turned * turned
+    rise = p[1, 0] * bell * (1.0 - 2.0 * r * r)
+    out[0] = -(p[1, 0] * bell * r + p[0, 0] * turned)
+    out[1] = -(rise / BELL + STEEP * p[0, 0] * steep) / p[2, 0]
+    out[3] = -turned
+    out[4] = -bell * r
+    out[5] = (rise * r + STEEP * p[0, 0] * steep * w / p[2, 0]) / p[2, 0]
+
+
+def there(assembly, body):
+    """Whether a body has it. Without a surplus, also a free one, Coulomb friction sticks as ever."""
+    return assembly.acts(body, "breakaway") and assembly.of_body(body, "breakaway").v > 0.0
+
+
+def stamp(assembly, body):
+    """The whole curve but for its viscous part; Coulomb friction is in it."""
+    if there(assembly, body):
+        parameters = [assembly.of_body(body, s) for s in ("coulomb", "breakaway", "breakaway_speed")]
+        assembly.law("breakaway", parameters, {assembly.speed(body): assembly.number(1.0)}, body=body)
+
+
+EFFECT = Effect(
+    code="breakaway",
+    of="body",
+    quantities={
+        "breakaway": Quantity("{T}", "breakaway torque above Coulomb friction, without a standstill", (0.0, 1e12),
+                              1e-3, 0.0),
+        "breakaway_speed": Quantity("{q}/s", "speed of the breakaway torque", (1e-3, 1e6), 1e-3, 1.0),
+    },
+    stamp=stamp,
+    law="T = sqrt(2e) D exp(-(w/ws)^2) w/ws + Tc tanh(10 w/wb), ws = sqrt(2) wb; D = Tbrk - Tc",
+    needs="speeds about the breakaway speed, as in a run-down to standstill",
+    source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7), sec. 2; coast-down paper, eq. (18)",
+    present=("breakaway",),
+    friction=("breakaway",),
+)
