@@ -17,7 +17,8 @@ from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recordin
 
 PAPER, ADDED, SPEED = Motor(), 5e-5, 5.0
 HOW = Options(method="coast-down")
-RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia, "coulomb_over_inertia": PAPER.coulomb / PAPER.inertia}
+RATIOS = {"viscous_over_inertia": PAPER.viscous / PAPER.inertia,
+          "coulomb_over_inertia": PAPER.coulomb / PAPER.inertia}
 VALUES = {"motor.inertia": PAPER.inertia, "motor.viscous": PAPER.viscous, "motor.coulomb": PAPER.coulomb}
 BROKEN = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=SPEED)
 
@@ -76,7 +77,7 @@ def main(n: int) -> None:
         for name, rows in found.items():
             value, std, held = (np.array(column) for column in zip(*rows, strict=True))
             print(f"{case.__name__} {name}: {held.sum()} of {n}, std {100 * np.median(std):.2g} %, "
-                  f"scatter {100 * value.std(ddof=1):.2g} %, mean off {100 * (value.mean() - 1):+.1g} %", flush=True)
+                  f"scatter {100 * value.std(ddof=1):.2g} %, mean {100 * (value.mean() - 1):+.1g} %", flush=True)
 
 
 if __name__ == "__main__":

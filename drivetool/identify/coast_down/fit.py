@@ -58,8 +58,7 @@ class Fitted:
 
     values      (k,) of the free parameters, with their covariance (k, k); white: by the weights alone
     starts      start states per run; readings: with the placement of their counts
-    left        residuals over their standard deviation (m,), all runs; speed (m,) of the motor there;
-                loose (m,) whether each sees another part of a count than the one before
+    left        residuals over their standard deviation (m,), all runs; speed (m,) of the motor there
     chi_square  of m - unknowns degrees of freedom
     """
 
@@ -71,7 +70,6 @@ class Fitted:
     readings: tuple[Reading, ...]
     left: np.ndarray
     speed: np.ndarray
-    loose: np.ndarray
     chi_square: float
     dof: int
 
@@ -83,8 +81,7 @@ class Fitted:
         """
         if not all(r.count for r in self.readings):
             return 1.0
-        left, speed = self.left[self.loose], self.speed[self.loose]
-        groups = np.array_split(left[np.argsort(speed, kind="stable")], GROUPS)
+        groups = np.array_split(self.left[np.argsort(self.speed, kind="stable")], GROUPS)
         square = sum(len(g) * float(g.mean()) ** 2 for g in groups if len(g))
         return float(chi2.sf(square, GROUPS))
 
@@ -134,7 +131,6 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
             break
     return Fitted(tuple(free), values, covariance, white, tuple(starts), tuple(used),
                   residuals, np.concatenate([w[r.known] for r, w in zip(used, speeds, strict=True)]),
-                  np.concatenate([r.loose(w)[r.known] for r, w in zip(used, speeds, strict=True)]),
                   float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
 
 

@@ -14,7 +14,8 @@ from drivetool.logs.samples.spikes import quantum
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what is anywhere in an interval of one
 AROUND = 10  # changes before and after, over which the speed is taken to place a change
-LOCKED = 2.0  # of that root: two of them are a place in the count that runs through four counts
+LOCKED = 2.0  # times the root of the change of the counts per sample: within it the place runs through four counts
+LASTING = 20.0  # samples that see the same part of a count, from which they are left out
 # White noise below this share of a step is quantisation: rounding alone gives 0.29 of it where a speed is fast, and
 # less where it is slow.
 COUNTED = 0.5
@@ -45,19 +46,6 @@ class Reading:
     def known(self) -> np.ndarray:
         """(m,) index of the samples that tell something."""
         return np.flatnonzero(np.isfinite(self.values))
-
-    def loose(self, speed: np.ndarray) -> np.ndarray:
-        """(n,) whether each sample sees another part of a count than the one before, at speeds (n,).
-
-        Where counts per sample stay a whole or a half number for a while they see the same. From there the place in
-        the count runs through a square of the time: for the root of one over the change of the rate it stays.
-        """
-        if not self.count:
-            return np.ones(len(speed), bool)
-        rate = np.abs(speed) * self.step / self.count
-        halves = np.round(2.0 * rate)
-        width = LOCKED * np.sqrt(np.abs(np.gradient(rate)))
-        return (halves == 0.0) | (np.abs(rate - 0.5 * halves) > width)
 
 
 def reading_of(experiment: Experiment, first: int, last: int) -> Reading:
@@ -102,7 +90,19 @@ def placed(reading: Reading, speed: np.ndarray | None) -> Reading:
     std[change] = np.hypot(q * UNIFORM * np.abs(beyond), reading.error)
     keep = np.full(len(y), False)
     keep[change] = np.abs(beyond) > 0.0
+    if speed is not None:
+        keep &= ~_locked(np.abs(speed) * reading.step / q)
     return replace(reading, values=np.where(keep, values, np.nan), std=np.where(keep, std, np.nan))
+
+
+def _locked(rate: np.ndarray) -> np.ndarray:
+    """(n,) where counts per sample (n,) stay a whole or a half number: samples see the same part of a count.
+
+    From there the place in the count runs through a square of the time: it stays for one over the root of the
+    change of the rate. Errors of these samples are one error, which the weights would take for many.
+    """
+    halves, root = np.round(2.0 * rate), np.sqrt(np.abs(np.gradient(rate)))
+    return (halves > 0.0) & (root < 1.0 / LASTING) & (np.abs(rate - 0.5 * halves) < LOCKED * root)
 
 
 def with_error(reading: Reading, left: np.ndarray) -> Reading:
