@@ -16,7 +16,7 @@ RPM = np.pi / 30.0
 
 @dataclass(frozen=True)
 class Motor:
-    """The motor of the coast-down paper, Table 5 (REFERENCES); surplus: breakaway less Coulomb torque."""
+    """The motor of the coast-down reference, Table 5; surplus: breakaway less Coulomb torque."""
 
     inertia: float = 8.7499e-5
     viscous: float = 1.0791e-4

@@ -13,7 +13,7 @@ from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of, with_torques
 from drivetool.cli.outcomes import guarded
 from drivetool.cli.record_option import differing
-from drivetool.errors import DriveToolError
+from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.identify.estimate import Estimate
@@ -78,6 +78,9 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     from drivetool.identify.unused import used_by
     from drivetool.logs.experiment import no_copies
 
+    if job.record and job.step == "steady" and options.method != "coast-down":
+        raise BadOption("--method coast-down with --record of steady", f"--method {options.method}",
+                        "Say so, or leave it out: other methods take recordings as alike.")
     opened = open_all(job)
     no_copies(opened.experiments)
     apart = differing(job, opened.experiments, drive_for(job, opened, free=options.free))

@@ -9,7 +9,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.coast_down.off import Stretch, run_downs
+from drivetool.identify.coast_down.stretches import Stretch, run_downs
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.rates import at_rates
@@ -48,6 +48,7 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     for name in options.hold:
         drive.quantity(name)
     only_in_greybox(options.free)
+    _check_asked(drive, options)
     if options.method == "acceleration":
         from drivetool.identify.steady_speeds.acceleration import acceleration
 
@@ -75,11 +76,21 @@ def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) ->
     return _estimate(experiments, drive, options, intervals, results)
 
 
+def _check_asked(drive: Drive, options: Options) -> None:
+    """Refuse what no method of this step takes, and what only a coast-down does where none was asked for."""
+    start = options.start
+    if start.rest or start.states or start.records or any(drive.value(f"{b}.clamped") for b in drive.bodies):
+        raise BadOption("no start state and no clamp in steady", "one of them",
+                        "Leave it out: the start of every stretch is fitted.")
+    if options.flux_decay is not None and options.method != "coast-down":
+        raise BadOption("--method coast-down with --flux-decay", f"--method {options.method}",
+                        "Say so, or leave it out.")
+
+
 def _within(interval: Interval, stretch: Stretch, experiment: Experiment) -> bool:
     """Whether an interval is part of a run-down: counts may be as many per sample for a while."""
     begin, end = (experiment.offset + k * experiment.step for k in (stretch.first, stretch.last))
-    return interval.file == experiment.name and interval.start < end and interval.end > begin and abs(
-        interval.mean("motor_speed")) > 0.0
+    return interval.file == experiment.name and interval.start < end and interval.end > begin
 
 
 def _coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:

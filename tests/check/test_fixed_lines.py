@@ -45,7 +45,9 @@ def test_a_ripple_is_an_order_at_a_steady_speed_too(share, seed, cut):
 
 
 def test_a_ripple_stays_beside_a_stronger_hum_at_other_speeds():
-    wave = lambda angle: 0.3 * np.sin(7.0 * angle) + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME)  # noqa: E731
+    def wave(angle):
+        return 0.3 * np.sin(7.0 * angle) + 2.0 * np.sin(2.0 * np.pi * 150.0 * TIME)
+
     assert not explained(plateaus(0.5), wave, 7.0)  # 11 and 28 Hz
 
 

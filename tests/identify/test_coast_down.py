@@ -9,12 +9,13 @@ import pytest
 from scipy.stats import binom
 
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.errors import DriveToolError, NotEnoughData
+from drivetool.errors import BadOption, DriveToolError, NotEnoughData
 from drivetool.identify.coast_down import fit as fitting
-from drivetool.identify.coast_down.off import stretches_of
 from drivetool.identify.coast_down.readings import reading_of
+from drivetool.identify.coast_down.stretches import stretches_of
 from drivetool.identify.estimate import Covariance
 from drivetool.identify.options import Options
+from drivetool.identify.start import Start
 from drivetool.identify.steady import steady
 from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
 
@@ -100,6 +101,8 @@ def test_an_unknown_added_inertia_is_a_ratio():
     (line,) = (p for p in estimate.ratios if p.name.startswith("added_inertia"))
     assert abs(line.value - added / PAPER.inertia) < 3.0 * line.std
     assert line.std < 1e-4 * line.value
+    assert all(p.std is None for p in estimate.parameters)  # what is fitted itself is no scale
+    assert estimate.covariance is None
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -117,6 +120,37 @@ def test_a_friction_by_its_file_gives_the_scale_with_its_uncertainty():
     value, found, held = told(steady([run_down(1)], drive, replace(HOW, known=known)), VALUES)["motor.inertia"]
     assert found / value == pytest.approx(0.03, rel=0.01)
     assert held
+
+
+def test_an_idle_torque_by_its_file_is_no_scale_in_one_direction():
+    drive = one_body().with_values({"motor.idle_torque": 0.01})
+    known = Covariance(("motor.idle_torque",), np.array([[1e-8]]))
+    estimate = steady([run_down(1)], drive, replace(HOW, known=known))
+    assert all(p.std is None for p in estimate.parameters) and "ratios-only" in codes(estimate)
+
+
+def test_a_held_inertia_of_two_bodies_is_the_scale():
+    drive = two_mass().with_values({"motor.inertia": 5e-5, "load.inertia": PAPER.inertia - 5e-5})
+    estimate = steady([run_down(1)], drive, replace(HOW, hold=("load.inertia",)))
+    lines = {p.name: p for p in estimate.parameters}
+    assert abs(lines["total.viscous"].value - PAPER.viscous) < 3.5 * lines["total.viscous"].std
+    assert abs(lines["motor.coulomb"].value - PAPER.coulomb) < 3.5 * lines["motor.coulomb"].std
+    assert lines["load.inertia"].status == "held" and lines["load.inertia"].value == PAPER.inertia - 5e-5
+
+
+def test_the_figures_of_the_fit_are_those_of_the_noise():
+    _, speed = motion(PAPER, lambda t: 0.0, 2000 * RPM, 80 * RPM, 5.0)
+    e = recording(1, motor_speed=speed + np.random.default_rng(2).normal(0.0, 0.2, len(speed)))
+    figures = steady([e], one_body(), HOW).fit
+    assert figures["rmse"] == pytest.approx(0.2, rel=0.02)
+    assert figures["simulation_fit_percent"] == pytest.approx(100.0 * (1.0 - 0.2 / np.std(speed)), abs=0.02)
+    assert figures["chi2"] / figures["chi2_dof"] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("change", [{"flux_decay": 0.1, "method": "speeds"}, {"start": Start(rest=True)}])
+def test_what_the_step_does_not_take_is_refused(change):
+    with pytest.raises(BadOption):
+        steady([driven_then_off(1)], one_body(), replace(HOW, **change))
 
 
 def test_a_start_value_of_the_inertia_is_no_scale():
@@ -201,6 +235,10 @@ def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_
     estimate = steady(runs, one_body(), HOW)
     (finding,) = (f for f in estimate.findings if f.code == "run-downs-differ")
     assert finding.evidence["viscous"] == pytest.approx(-3.0, abs=0.1)
+    # All friction at the median speed, of which viscous friction is a part.
+    median = float(np.median(motion(PAPER, lambda t: 0.0, 2240 * RPM, 80 * RPM, 5.0)[1]))
+    part = PAPER.viscous * median / (PAPER.viscous * median + PAPER.coulomb)
+    assert finding.evidence["together"] == pytest.approx(-3.0 * part, rel=0.2)
     value, std, held = told(estimate, {"viscous_over_inertia": RATIOS["viscous_over_inertia"] * 0.985})[
         "viscous_over_inertia"]
     assert held and std / value == pytest.approx(0.0065, rel=0.1)

@@ -49,7 +49,8 @@ EFFECT = Effect(
     stamp=stamp,
     law="T = sqrt(2e) D exp(-(w/ws)^2) w/ws + Tc tanh(10 w/wb), ws = sqrt(2) wb; D = Tbrk - Tc",
     needs="speeds about the breakaway speed, as in a run-down to standstill",
-    source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7), sec. 2; coast-down paper, eq. (18)",
+    source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "
+           "eq. (18)",
     present=("breakaway",),
     friction=("breakaway",),
 )

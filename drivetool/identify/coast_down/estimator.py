@@ -12,7 +12,6 @@ from scipy.optimize import nnls
 from drivetool.drive.chain import AT, Drive, one_body, shared
 from drivetool.errors import BadOption
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit
-from drivetool.identify.coast_down.off import Stretch, stretches_of
 from drivetool.identify.coast_down.readings import reading_of
 from drivetool.identify.coast_down.report import (
     between_runs,
@@ -22,10 +21,11 @@ from drivetool.identify.coast_down.report import (
     ratio_lines,
     untold,
 )
+from drivetool.identify.coast_down.stretches import Stretch, stretches_of
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
-from drivetool.identify.steady_speeds.acceleration import in_the_drive, rigid_of
+from drivetool.identify.steady_speeds.acceleration import Rigid, held_value, in_the_drive, rigid_of
 from drivetool.logs.experiment import Experiment, sources
 
 INERTIA = "motor.inertia"
@@ -62,7 +62,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     options      flux_decay: time after switching off that is left out [s]
     returns      Estimate of inertia, viscous and Coulomb friction, in both directions of the idle torque
     raises       NotEnoughData: nothing runs down without torque; BadRecording: too few counts; BadOption
-    source       coast-down of an induction motor, REFERENCES
+    source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
     stretches = stretches_of(experiments, options.flux_decay or 0.0)
     runs = [_run(experiments[s.recording], s) for s in stretches]
@@ -72,16 +72,16 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     if several and options.free:
         raise BadOption("no --free for a coast-down of several bodies", f"--free {options.free[0]}",
                         "They run down as one: fit further laws with --drive one-body.")
-    own = _one_body(drive, names) if several else drive
     held = {n for n, whole in names.items() if whole in options.hold}
-    prior = _prior(own, options.known, held, {v: k for k, v in names.items()})
-    scale = _scale(own, stretches, held, prior)
-    start = _started(own, runs, stretches, scale, held)
+    own = _one_body(drive, rigid, held) if rigid else drive
     both = len({_sign(r) for r in runs}) == 2
+    prior = _prior(own, options.known, held, {v: k for k, v in names.items()}).of(
+        (INERTIA, *(FRICTION if both else FRICTION[:2])))
+    scale = _scale(own, stretches, held, prior, options.free)
+    start = _started(own, runs, stretches, scale, held)
     free = [n for n in (INERTIA, *FRICTION) if n not in held and (n != FRICTION[2] or both)
             and (n != INERTIA or scale.known)]
     free += [n for n in options.free if n not in free and n != "all"]
-    prior = prior.of(free)
     tried = [fit(each, free, runs, prior) for each in _begun(start, free)]
     fitted = min(tried, key=lambda f: f.unlikely)
     spread = between_runs(start, free, runs, stretches, fitted)
@@ -90,15 +90,15 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     values = dict(zip(free, map(float, fitted.values), strict=True))
     ended = start.with_values(values)
     lines = _lines(own, ended, free, fitted, scale, held, both)
-    told = [i for i, n in enumerate(free) if scale.known or not _of_torque(ended, n)]
+    told = [i for i, n in enumerate(free) if any(p.name == n and p.std is not None for p in lines)]
     kept = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = Estimate(
         step="steady", drive=own.with_values(kept), parameters=lines,
-        outcome=outcome(stretches, experiments, scale.by), fit=_figures(fitted, runs, stretches),
+        outcome=outcome(stretches, experiments, scale.by), fit=_figures(fitted, stretches),
         covariance=_covariance(free, told, fitted),
         details={"scale": list(scale.by), "spans": _listed(stretches, experiments),
                  "sensor": _sensor(fitted)},
-        findings=tuple(findings(fitted, runs, stretches, experiments, scale.by, spread)),
+        findings=tuple(findings(fitted, stretches, experiments, scale.by, spread)),
         data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
         ratios=ratio_lines(ended, free, fitted))
     if rigid is None:
@@ -122,11 +122,11 @@ def _run(experiment: Experiment, stretch: Stretch) -> Run:
                experiment.offset + a * experiment.step)
 
 
-def _one_body(drive: Drive, names: Mapping[str, str]) -> Drive:
+def _one_body(drive: Drive, rigid: Rigid, held: set[str]) -> Drive:
     """The whole drive as one body, with what is known of it."""
-    own = one_body(drive.torque_unit, drive.motion_unit)
-    friction = {n: drive.values.get(whole) for n, whole in names.items() if n != INERTIA}
-    return own.with_values({n: v for n, v in friction.items() if v is not None})
+    known = {n: drive.values[whole] for n, whole in rigid.names.items() if n != INERTIA and whole in drive.values}
+    return one_body(drive.torque_unit, drive.motion_unit).with_values(
+        known | {n: held_value(n, drive, rigid) for n in held})
 
 
 def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[str, str]) -> Prior:
@@ -139,10 +139,11 @@ def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[
     return Prior(names, np.array([drive.values[n] for n in names]), known.matrix[np.ix_(at, at)])
 
 
-def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior) -> Scale:
-    """What fixes the factor between accelerations and torques."""
+def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
+    """What fixes the factor between accelerations and torques; no added inertia that is fitted itself."""
     by = ["a stretch under torque"] if any(not s.off for s in stretches) else []
-    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n]
+    added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n
+             and n not in free]
     by += ["a known added inertia"] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
     return Scale((*by, *(f"{n} by its file" for n in prior.names)))
@@ -252,7 +253,7 @@ def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale:
     return tuple(lines)
 
 
-def _figures(fitted: Fitted, runs: Sequence[Run], stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
+def _figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
     """Figures of the fit: the errors of the run-downs in the sensor's unit."""
     raw = np.concatenate([e * r.std[r.known] for e, r in zip(fitted.by_run, fitted.readings, strict=True)])
     about = np.concatenate([r.values[r.known] - r.values[r.known].mean() for r in fitted.readings])

@@ -11,10 +11,10 @@ from scipy.stats import chi2
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
-from drivetool.identify.coast_down.off import Stretch
+from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.results import Z95
-from drivetool.identify.steady_speeds.points import speed_of
+from drivetool.identify.steady_speeds.report import record_with
 from drivetool.logs.experiment import Experiment
 
 INERTIA = "motor.inertia"
@@ -111,7 +111,7 @@ def outcome(stretches: Sequence[Stretch], experiments: Sequence[Experiment], by:
     return f"{len(off)} run-down{'s' if len(off) > 1 else ''} without torque, {seconds:.4g} s; {scale}."
 
 
-def findings(fitted: Fitted, runs: Sequence[Run], stretches: Sequence[Stretch], experiments: Sequence[Experiment],
+def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
              by: Sequence[str], spread: Spread) -> list[Finding]:
     """What a person should know of it."""
     found = []
@@ -147,14 +147,9 @@ def exhibits(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fi
              drive: Drive) -> tuple[Exhibit, ...]:
     """The recordings with the run-downs marked, and what is left over the speed."""
     shown = [_left(fitted, drive)]
-    for k, e in enumerate(experiments):
-        time, speed = e.time, speed_of(e, "motor", "the picture")
-        marked = np.full(len(speed), np.nan)
-        for s in stretches:
-            if s.recording == k and s.off:
-                marked[s.first:s.last] = speed[s.first:s.last]
-        shown.append(Exhibit("record", f"Run-downs in {e.name}", "time [s]", f"motor speed [{drive.motion_unit}/s]",
-                             {"measured speed": (time, speed), "without torque": (time, marked)}))
+    off = [s for s in stretches if s.off]
+    shown += [record_with("run-downs", e, [(s.first, s.last) for s in off if s.recording == k], drive)
+              for k, e in enumerate(experiments)]
     return tuple(shown)
 
 

@@ -70,7 +70,8 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
     start = one_body(drive.torque_unit, drive.motion_unit).with_values(
         {f"motor.{n}": value for n, value in first_values(spans).items()
          if n != "coulomb" or turns_both_ways(spans)})
-    start = start.with_values({n: _held(n, drive, rigid) for n in rigid.names if rigid.names[n] in options.hold})
+    start = start.with_values(
+        {n: held_value(n, drive, rigid) for n in rigid.names if rigid.names[n] in options.hold})
     # No free runs for a witness: with a torque of its own each tells nothing where the logged torque is constant.
     asked = replace(options, known=None, free=(), criterion="innovations",
                     hold=tuple(n for n in rigid.names if rigid.names[n] in options.hold))
@@ -93,7 +94,7 @@ def acceleration(experiments: Sequence[Experiment], drive: Drive, options: Optio
                         drive) for k, e in enumerate(experiments))))
 
 
-def _held(name: str, drive: Drive, rigid: Rigid) -> float:
+def held_value(name: str, drive: Drive, rigid: Rigid) -> float:
     """Value of a parameter of one body that the drive's own holds."""
     own = rigid.names[name]
     if own == rigid.target:

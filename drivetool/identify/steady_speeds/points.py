@@ -51,13 +51,15 @@ class Interval:
         return float(np.nanmean(self.signals[role]))
 
 
-def speed_of(experiment: Experiment, body: str, why: str) -> np.ndarray:
-    """Speed of a body: as logged, or the central difference of its angle."""
+def speed_of(experiment: Experiment, body: str, why: str, apart: int = 1) -> np.ndarray:
+    """Speed of a body: as logged, or the central difference of its angle, so many samples to either side."""
     if f"{body}_speed" not in experiment.signals and f"{body}_angle" in experiment.signals:
         angle = experiment.signals[f"{body}_angle"]
         speed = np.full(len(angle), np.nan)
         for a, b in experiment.segments:
-            speed[a + 1:b - 1] = (angle[a + 2:b] - angle[a:b - 2]) / (2 * experiment.step)
+            if b - a > 2 * apart:
+                speed[a + apart:b - apart] = (angle[a + 2 * apart:b] - angle[a:b - 2 * apart]) / (
+                    2 * apart * experiment.step)
         return speed
     return experiment.signal(f"{body}_speed", why)
 

@@ -14,6 +14,8 @@ from drivetool.identify.steady_speeds.line import Line, Points
 from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.logs.experiment import Experiment
 
+DRAWN = 500  # parts of a recording that a picture shows apart
+
 
 @dataclass(frozen=True)
 class Task:
@@ -154,15 +156,17 @@ def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Po
 
 def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ...]], drive: Drive) -> Exhibit:
     """A recording with some of its samples, (first, last+1) each, marked as what they are."""
-    time, speed = experiment.time, speed_of(experiment, "motor", "the picture")
+    apart = max(1, experiment.size // DRAWN)  # or counts between two samples would be all that is seen
+    time, speed = experiment.time, speed_of(experiment, "motor", "the picture", apart)
     marked = np.full(len(speed), np.nan)
     for first, last in spans:
         marked[first:last] = speed[first:last]
     return Exhibit(
         "record", f"{what[0].upper()}{what[1:]} in {experiment.name}", "time [s]",
         f"motor speed [{drive.motion_unit}/s]",
-        {"measured speed": (time, speed), what: (time, marked),
-         f"torque [{drive.torque_unit}]": (time, experiment.signals["motor_torque"])})
+        {"measured speed": (time, speed), what: (time, marked)} | {
+            f"torque [{drive.torque_unit}]": (time, experiment.signals[role])
+            for role in ("motor_torque",) if role in experiment.signals})
 
 
 def in_one_direction(idle: str, forward: int, backward: int) -> Finding:
