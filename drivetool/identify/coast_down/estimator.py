@@ -65,7 +65,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
     stretches = stretches_of(experiments, options.flux_decay or 0.0)
-    runs = [_run(experiments[s.recording], s) for s in stretches]
+    runs = [run_of(experiments[s.recording], s) for s in stretches]
     several = len(drive.bodies) > 1
     rigid = rigid_of(drive, replace(options, free=())) if several else None
     names = dict(rigid.names) if rigid else {n: n for n in (INERTIA, *FRICTION)}
@@ -114,8 +114,8 @@ def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Cov
     return Covariance(tuple(free[i] for i in told), fitted.covariance[np.ix_(told, told)]) if told else None
 
 
-def _run(experiment: Experiment, stretch: Stretch) -> Run:
-    """A stretch as it is fitted."""
+def run_of(experiment: Experiment, stretch: Stretch) -> Run:
+    """A stretch as it is fitted; raises BadRecording: too few counts."""
     a, b = stretch.first, stretch.last
     torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
     return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,

@@ -134,6 +134,13 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
                   float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
 
 
+def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(what the sensor of a run would show without its steps (n,), speed of the motor (n,)) from a start state."""
+    problem = _problem(drive, (), run, run.reading)
+    out, states = problem.plants(np.empty(0), False)[0].simulate(problem.traces[0], start, keep=True)[:2]
+    return out[:, 0], states[:, 0]
+
+
 def _roles(reading: Reading) -> Roles:
     return Roles(("motor_torque",), (reading.role,))
 

@@ -54,7 +54,7 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Para
         if untold(name, free, fitted):
             continue
         found.append(Parameter(
-            f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia", value, _unit(drive, name), None, std,
+            ratio_name(name), value, ratio_unit(drive, name), None, std,
             (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
     return tuple(found)
 
@@ -66,7 +66,12 @@ def untold(name: str, free: Sequence[str], fitted: Fitted) -> bool:
     return any(not fitted.std(n) < TELLS * abs(fitted.values[free.index(n)]) for n in law)
 
 
-def _unit(drive: Drive, name: str) -> str:
+def ratio_name(name: str) -> str:
+    """What a parameter over the inertia is called under derived."""
+    return f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia"
+
+
+def ratio_unit(drive: Drive, name: str) -> str:
     """The unit of a parameter over that of the inertia."""
     unit = drive.quantity(name).unit
     return OVER_INERTIA[unit].replace("{q}", drive.motion_unit) if unit in OVER_INERTIA else \
@@ -121,11 +126,7 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             "by one number run down alike, so only the ratios under derived have intervals.", {},
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
-    if any("motor_torque" not in experiments[s.recording].signals for s in stretches):
-        found.append(Finding(
-            "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
-            "where its speed has left the highest value.", {},
-            "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'."))
+    found += switched_off_assumed([experiments[s.recording] for s in stretches])
     if fitted.misfit < UNLIKELY:
         found.append(Finding(
             "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
@@ -141,6 +142,16 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             dict(spread.changes) | {"probability": spread.probability},
             "A machine that warms up loses friction: record when its temperature has settled, or note it too."))
     return found
+
+
+def switched_off_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
+    """That nobody logged when the torque ended, where that is so."""
+    if all("motor_torque" in e.signals for e in experiments):
+        return []
+    return [Finding(
+        "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
+        "where its speed has left the highest value.", {},
+        "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'.")]
 
 
 def exhibits(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: Fitted,

@@ -1,0 +1,134 @@
+"""Run-downs at the process boundary: `validate` without a torque, by files of ratios and of values."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.coasting import RPM, STEP, Motor, driven_then_off, run_down
+from tests.simulator.records import write_mcap, write_parquet
+
+TOP = 2240 * RPM
+STEADY = ("--method", "coast-down", "--drive", "one-body")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Counts at supplies of 40, 45, 50 and 55 Hz as Parquet, some as MCAP; one under torque first."""
+    path = tmp_path_factory.mktemp("coast")
+    for hertz in (40, 45, 50, 55):
+        angle = {"motor_angle": (run_down(hertz, fast=TOP * hertz / 40).signals["motor_angle"], "rad")}
+        write_parquet(path / f"run{hertz}.parquet", angle, STEP)
+        if hertz in (40, 50):
+            write_mcap(path / f"run{hertz}.mcap", angle, STEP)
+    units = {"motor_torque": "Nm", "motor_angle": "rad"}
+    write_parquet(path / "driven.parquet", {n: (v, units[n]) for n, v in driven_then_off(1).signals.items()}, STEP)
+    return path
+
+
+@pytest.fixture
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def written(call, *words, fails=0):
+    code, out, err = call(*words, "--out", "-")
+    assert code == fails, err
+    return yaml.safe_load(out)
+
+
+@pytest.fixture
+def coast(here, call):
+    if not (here / "coast.yaml").exists():
+        assert call("steady", "run40.parquet", *STEADY, "--out", "coast.yaml")[0] == 0
+    return "coast.yaml"
+
+
+def test_other_run_downs_of_a_model_of_ratios(coast, call):
+    content = written(call, "validate", "run45.parquet", "run50.parquet", "run55.parquet", "--params", coast)
+    assert content["passed"] and content["options"]["criterion"] == "coast-down"
+    angles = [c for c in content["checks"] if c["output"] == "motor_angle"]
+    speeds = [c for c in content["checks"] if c["output"] == "motor_speed"]
+    assert len(angles) == len(speeds) == 3
+    assert all(c["rmse_counts"] <= 1.05 and "nrmse_mean" not in c for c in angles)
+    assert all(c["nrmse"] < c["nrmse_mean"] < 1e-3 and "rmse_counts" not in c for c in speeds)
+    assert [f["code"] for f in content["findings"]] == ["simulated-by-ratios", "switched-off-assumed"]
+
+
+def test_mcap_and_parquet_say_the_same(here, coast, call):
+    first, second = (written(call, "validate", f"run50.{kind}", "--params", coast)["checks"]
+                     for kind in ("parquet", "mcap"))
+    for a, b in zip(first, second, strict=True):
+        assert {**a, "file": ""} == {**b, "file": ""}
+    again = written(call, "steady", "run40.mcap", *STEADY)
+    assert again["derived"] == yaml.safe_load((here / coast).read_text())["derived"]
+
+
+def test_the_table_names_both_kinds_of_nrmse_and_rpm(coast, call, here):
+    assert call("validate", "run50.parquet", "--params", coast, "--out", "v.yaml", "--plot", "pictures")[0] == 0
+    out = call("show", "v.yaml")[1]
+    for word in ("run-downs: motor_angle", "count /sqrt(12)", "rpm", "NRMSE", "range %", "mean %", "R2"):
+        assert word in out
+    assert (here / "pictures" / "validate-run50-record.png").exists()
+    checks = json.loads(call("validate", "run50.parquet", "--params", coast, "--json", "-q")[1])["checks"]
+    assert checks == yaml.safe_load((here / "v.yaml").read_text())["checks"]
+
+
+def test_a_model_with_its_scale_on_run_downs_and_ratios_on_a_record_under_torque(here, coast, call):
+    assert call("steady", "driven.parquet", *STEADY, "--flux-decay", "0.02", "--out", "scaled.yaml")[0] == 0
+    content = written(call, "validate", "run50.parquet", "--params", "scaled.yaml")
+    assert content["options"]["flux_decay"] == 0.02  # as the fit left it out
+    assert content["checks"][0]["rmse_counts"] <= 1.05
+    assert "simulated-by-ratios" not in [f["code"] for f in content["findings"]]
+    assert written(call, "validate", "run50.parquet", "--params", "scaled.yaml", "--flux-decay", "0.1")[
+        "checks"][0]["n"] < content["checks"][0]["n"] - 1000
+    by_ratios = written(call, "validate", "driven.parquet", "--params", coast)
+    by_values = written(call, "validate", "driven.parquet", "--params", "scaled.yaml", "--criterion", "coast-down")
+    for found in (by_ratios, by_values):
+        assert found["options"]["criterion"] == "coast-down" and found["checks"][0]["rmse_counts"] <= 1.05
+
+
+def test_the_record_of_the_fit_is_no_validation(coast, call):
+    content = written(call, "validate", "run40.parquet", "--params", coast)
+    assert "record-was-used-for-the-fit" in [f["code"] for f in content["findings"]]
+    assert content["verdict"].endswith("this is no validation.")
+
+
+def test_start_values_beside_ratios_are_no_model(here, call):
+    """The file carries what it started from; the ratios are what it tells."""
+    assert call("steady", "run40.parquet", *STEADY, "--set", "motor.inertia=1e-3", "--set", "motor.viscous=5e-3",
+                "--set", "motor.coulomb=0.9", "--out", "started.yaml")[0] == 0
+    angle, _ = written(call, "validate", "run45.parquet", "--params", "started.yaml")["checks"]
+    assert angle["rmse_counts"] <= 1.05
+
+
+def test_a_slide_by_a_ruler(here, call):
+    """Motion in m, no torque that would say N."""
+    step, mass = 1e-3, Motor(inertia=1.0, viscous=1.0, coulomb=0.5)
+    t = step * np.arange(3000)
+    for name, speed in (("a", 3.0), ("b", 4.0)):
+        x = (speed + 0.5) / mass.viscous * (1.0 - np.exp(-t)) - 0.5 * t
+        t_stop = np.log((speed + 0.5) / 0.5)
+        kept = np.floor(x[t < t_stop - 0.05] / 1e-5) * 1e-5
+        write_parquet(here / f"{name}.parquet", {"motor_angle": (kept, "m")}, step)
+    assert call("steady", "a.parquet", *STEADY, "--out", "slide.yaml")[0] == 0
+    content = written(call, "validate", "b.parquet", "--params", "slide.yaml")
+    assert content["checks"][0]["rmse_counts"] <= 1.05 and "rpm" not in content["verdict"]
+
+
+@pytest.mark.parametrize("words, says", [
+    (("--segment", "0.1"), "no --segment"), (("--start", "rest"), "no --start"),
+    (("--criterion", "inverse", "--flux-decay", "0.1"), "--criterion coast-down")])
+def test_what_a_run_down_does_not_take_is_refused(coast, call, words, says):
+    code, _, err = call("validate", "run50.parquet", "--params", coast, *words)
+    assert code == 2 and says in err and "Traceback" not in err
+
+
+def test_a_ratio_in_a_strange_unit_is_refused(here, coast, call):
+    content = yaml.safe_load((here / coast).read_text())
+    content["derived"]["viscous_over_inertia"]["unit"] = "Nm"
+    (here / "strange.yaml").write_text(yaml.safe_dump(content))
+    code, _, err = call("validate", "run50.parquet", "--params", "strange.yaml")
+    assert code in (1, 2) and "viscous_over_inertia" in err and "strange.yaml" in err
