@@ -112,7 +112,11 @@ Method = Annotated[MethodName, _option(
     "without torque, both where a torque is known.")]
 FluxDecay = Annotated[float | None, _option(
     "--flux-decay", metavar="S", min=0.0, help="coast-down: time in s after switching off that is left out, until "
-    "the flux of an induction motor has decayed. Default: 0; of validate what the fit left out.")]
+    "the flux of an induction motor has decayed. Default: 0; validate: what the fit left out.")]
+Stages = Annotated[str | None, _option(
+    "--stages", metavar="HIGH:LOW,...", help="coast-down: fit windows of the speed one after the other, in rpm, or "
+    "with the unit behind the last: '1600:750,750:300'. Viscous friction and inertia by the first, Coulomb "
+    "friction by the second, speeds of breakaway by a third. The bias against the fit of all at once is stated.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]

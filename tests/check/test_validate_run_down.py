@@ -146,3 +146,13 @@ def test_bars_and_what_is_refused():
         judged(at(50), Model("none.yaml", one_body()))
     with pytest.raises(NotEnoughData):
         judged(recording(1, motor_angle=np.zeros(8000)))
+
+
+@pytest.mark.parametrize("speed", [1e-3, 0.02, 1.0])
+def test_friction_far_too_steep_for_a_record_to_standstill_is_judged_all_the_same(speed):
+    """Breakaway at 0.02 rad/s, as printed: its derivatives run away where the drive stands."""
+    angle, _ = motion(replace(PAPER, breakaway_speed=1e-3), lambda t: 0.0, 2000 * RPM, 1e-4, 5.0)
+    angle = np.concatenate([angle, np.full(8000, angle[-1])])
+    drive = TRUTH.with_values({"motor.breakaway": 0.1 * PAPER.coulomb, "motor.breakaway_speed": speed})
+    check, _ = judged(recording(1, motor_angle=counts(angle, 5)), Model("steep.yaml", drive)).checks
+    assert check.rmse_counts == pytest.approx(1.0, abs=0.05)

@@ -132,3 +132,17 @@ def test_a_ratio_in_a_strange_unit_is_refused(here, coast, call):
     (here / "strange.yaml").write_text(yaml.safe_dump(content))
     code, _, err = call("validate", "run50.parquet", "--params", "strange.yaml")
     assert code in (1, 2) and "viscous_over_inertia" in err and "strange.yaml" in err
+
+
+def test_stages_state_their_bias_and_validation_shows_it(here, call):
+    content = written(call, "steady", "run40.parquet", *STEADY, "--stages", "1600:750,750:300")
+    (finding,) = (f for f in content["findings"] if f["code"] == "staged-fit")
+    assert finding["severity"] == "warning" and content["options"]["stages"] == "1600:750,750:300"
+    assert content["derived"]["viscous_over_inertia"]["std"] is None
+    assert content == written(call, "steady", "run40.mcap", *STEADY, "--stages", "1600:750,750:300 rpm") | {
+        key: content[key] for key in ("data", "details", "options")}
+    (here / "staged.yaml").write_text(yaml.safe_dump(content))
+    judged = written(call, "validate", "run50.parquet", "--params", "staged.yaml")
+    assert judged["checks"][0]["rmse_counts"] > 100.0
+    code, _, err = call("steady", "run40.parquet", *STEADY, "--stages", "750:1600")
+    assert code == 2 and "two or three windows" in err

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.identify.coast_down.estimator import run_of
-from drivetool.identify.coast_down.fit import NOTHING, Fitted, fit, simulated
+from drivetool.identify.coast_down.fit import NOTHING, Fitted, fit, run_of, simulated
 from drivetool.identify.coast_down.readings import UNIFORM
 from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.logs.experiment import Experiment

@@ -116,7 +116,7 @@ def _check(name: str, file: str, output: str, unit: str, signals: Sequence[Signa
         1.0 - rmse**2 * len(y) / total if wide and total else nan, len(y), nan, nan, nan, nan, None,
         not fit < 0.0 if options.min_fit is None else fit >= options.min_fit,
         fit_percent(y, begun), _rms(y - begun),
-        rmse_counts=rmse * np.sqrt(12.0) / count if count else None,
+        rmse_counts=float(rmse * np.sqrt(12.0) / count) if count else None,
         nrmse_mean=rmse / abs(float(np.mean(y))) if output == "motor_speed" else None,
         sensor_rmse=_rms(np.array([s.sensor for s in signals])))
 

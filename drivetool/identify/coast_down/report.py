@@ -116,6 +116,15 @@ def outcome(stretches: Sequence[Stretch], experiments: Sequence[Experiment], by:
     return f"{len(off)} run-down{'s' if len(off) > 1 else ''} without torque, {seconds:.4g} s; {scale}."
 
 
+def figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
+    """Figures of the fit: the errors of the run-downs in the sensor's unit."""
+    raw = np.concatenate([e * r.std[r.known] for e, r in zip(fitted.by_run, fitted.readings, strict=True)])
+    about = np.concatenate([r.values[r.known] - r.values[r.known].mean() for r in fitted.readings])
+    return {"simulation_fit_percent": 100.0 * (1.0 - float(np.sqrt(np.mean(raw**2) / np.mean(about**2)))),
+            "one_step_fit_percent": None, "rmse": float(np.sqrt(np.mean(raw**2))), "n": len(raw),
+            "run_downs": sum(s.off for s in stretches), "chi2": fitted.chi_square, "chi2_dof": fitted.dof}
+
+
 def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
              by: Sequence[str], spread: Spread) -> list[Finding]:
     """What a person should know of it."""
