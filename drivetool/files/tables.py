@@ -181,7 +181,8 @@ def run_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
                         "-" if c.r2 is None else f"{c.r2:.6f}"]
         else:
             counts = _told(c.rmse_counts)
-            figures += ["-" if counts is None else f"{counts:.3f}", short(c.simulation_fit_percent, 6)]
+            figures += [f"{counts:.3f}" if counts is not None and counts < 10.0 else short(counts),
+                        short(c.simulation_fit_percent, 6)]
         table.add_row(*map(Text, (models[c.model], files[c.file], *figures)),
                       Text("met", "green") if c.passed else Text("missed", "bold red"))
     return table

@@ -166,8 +166,9 @@ def _verdict(checks: Sequence[RecordCheck], unseen: bool) -> str:
     angle = next((c for c in checks if (c.model, c.file) == (worst.model, worst.file) and c is not worst), None)
     figures = f"{worst.file} (model {worst.model}): "
     if angle is not None:
-        counts = "" if angle.rmse_counts is None else f", {angle.rmse_counts:.3f} count/sqrt(12)"
-        figures += f"angle rmse {angle.rmse:.3g} {angle.unit}{counts}; "
+        counts = angle.rmse_counts
+        in_counts = "" if counts is None else f", {counts:{'.3f' if counts < 10.0 else '.4g'}} count/sqrt(12)"
+        figures += f"angle rmse {angle.rmse:.3g} {angle.unit}{in_counts}; "
     turns = f" ({worst.rmse * RPM:.3g} rpm)" if worst.unit == "rad/s" else ""
     figures += (f"speed rmse {worst.rmse:.3g} {worst.unit}{turns}, {100.0 * worst.nrmse:.2g} % of the range and "
                 f"{100.0 * (worst.nrmse_mean or np.nan):.2g} % of the mean, R2 {worst.r2:.6f}")

@@ -90,7 +90,9 @@ def in_stages(estimate: Estimate, joint: Joint, windows: Sequence[tuple[float, f
                              for name, a in apart.items()}}
     return replace(
         estimate, drive=estimate.drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)}),
-        parameters=lines, ratios=ratios, covariance=None, fit=figures(whole, joint.stretches),
+        parameters=lines, ratios=ratios, covariance=None,
+        # The chi-square of a wrong model is none: its errors have been taken for those of the encoder.
+        fit={k: v for k, v in figures(whole, joint.stretches).items() if not k.startswith("chi2")},
         outcome=f"{estimate.outcome.rstrip('.')}; fitted in {len(stages)} stages.",
         details={**estimate.details, **details},
         findings=(*estimate.findings, _bias(apart, stages[0], held, joint.ended, unit)),
