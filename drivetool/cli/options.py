@@ -156,7 +156,7 @@ BlackboxCriterion = Annotated[BlackboxCriterionName, _option(
     "distance from the measured frequency response.")]
 CheckCriterion = Annotated[CheckCriterionName, _option(
     "--criterion", help="What a model is judged by: the motion that it simulates; inverse: the torque that the "
-    "motion asks of it; coast-down: run-downs without torque, taken by itself where no torque is logged.")]
+    "motion asks of it; coast-down: run-downs without torque, taken by itself where the file is of one.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

@@ -134,7 +134,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
         if options.criterion == COAST_DOWN:
-            validation = on_run_downs(opened, drives, options, fitted_on)
+            validation = on_run_downs(opened, drives, options, fitted_on, known)
         elif options.criterion == "inverse":
             validation = validate_torque(opened.experiments, [(n, d) for n, d, _ in models], options, **more)
         else:

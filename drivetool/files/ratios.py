@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
 from msgspec import UNSET
 
 from drivetool.check.validation.validate_run_down import Model
-from drivetool.drive.chain import Drive, one_body
+from drivetool.drive.chain import AT, Drive, one_body, shared
 from drivetool.errors import BadParameters
 from drivetool.files import shapes, units
 from drivetool.files.parameter_file import Source
 from drivetool.files.written import naming
 from drivetool.identify.coast_down.report import INERTIA, ratio_name, ratio_unit
+from drivetool.identify.estimate import Covariance
 
 OF_CHOICE = 1.0  # the inertia of a model of ratios, in the drive's own unit: a run-down is the same with any
 
@@ -20,29 +25,53 @@ def only_ratios(file: shapes.ParameterFile) -> bool:
     return file.details.get("scale") == [] and bool(_ratios(file))
 
 
-def run_down_model(source: Source, drive: Drive) -> Model:
+def of_coast_down(file: shapes.ParameterFile) -> bool:
+    """Whether a coast-down wrote the file."""
+    return isinstance(file.details.get("scale"), list)
+
+
+def run_down_model(source: Source, drive: Drive, known: Covariance | None) -> Model:
     """The model of a file, with an inertia of one and its ratios where it has these alone.
 
-    drive   with the values of the file
-    raises  BadParameters: a ratio in a unit that is none; ratios beside an inertia that a record adds
+    drive   with the values of the file; known: covariance of its parameters
+    raises  BadParameters: a ratio in a unit that is none; what a record adds to an inertia that is not known
     """
     encoder = _encoder(source.file)
     if not only_ratios(source.file):
-        return Model(source.name, drive, False, encoder)
-    if added := [n for n in drive.values if ".added_inertia" in n]:
-        raise BadParameters(f"a known inertia beside {added[0]}", f"ratios alone in {source.name}",
-                            "Fit the coast-down with a known scale, or leave the added inertia out.")
-    own = one_body(drive.torque_unit, drive.motion_unit)
-    found = {n: v for n, v in drive.values.items() if n in own.quantities and "{T}" not in own.quantity(n).unit}
-    found[INERTIA] = OF_CHOICE
-    told = _ratios(source.file)
-    for name, quantity in own.quantities.items():
-        entry = told.get(ratio_name(name))
-        if entry is not None and name != INERTIA and "{T}" in quantity.unit:
+        return Model(source.name, drive, False, encoder, known)
+    own, found, told = replace(one_body(drive.torque_unit, drive.motion_unit), records=drive.records), {}, {}
+    entries = _ratios(source.file)
+    for name in (*own.quantities, *(n for n in drive.values if AT in n and shared(n) in own.quantities)):
+        entry = entries.get(ratio_name(name))
+        if "{T}" not in own.quantity(name).unit:
+            found |= {name: drive.values[name]} if name in drive.values else {}
+            told[name] = name
+        elif name == INERTIA:
+            found[name] = OF_CHOICE
+        elif entry is not None:
             with naming(source.name):
-                found[name] = OF_CHOICE * entry.value * units.factor(
-                    entry.unit, ratio_unit(own, name), f"derived.{ratio_name(name)}")
-    return Model(source.name, own.with_values(found), True, encoder)
+                factor = units.factor(entry.unit, ratio_unit(own, name), f"derived.{ratio_name(name)}")
+            found[name] = OF_CHOICE * factor * entry.value
+            told |= {ratio_name(name): name} if factor == 1.0 else {}  # another unit than that of the covariance
+        elif AT in name:
+            raise BadParameters(f"a known inertia beside {name}", f"ratios alone in {source.name}",
+                                "Fit the coast-down with a known scale, or leave it out.")
+    return Model(source.name, own.with_values(found), True, encoder, _spread(source.file, told))
+
+
+def _spread(file: shapes.ParameterFile, told: Mapping[str, str]) -> Covariance | None:
+    """Covariance of the ratios as the step wrote it, by the names of the model; None: the file has none."""
+    section = file.details.get("ratio_covariance")
+    names, matrix = (section.get(k) for k in ("names", "matrix")) if isinstance(section, dict) else (None, None)
+    if not isinstance(names, list) or not isinstance(matrix, list) or not set(names) <= told.keys():
+        return None
+    try:
+        found = np.array(matrix, float)
+    except (TypeError, ValueError):
+        return None
+    if found.shape != (len(names), len(names)) or not np.all(np.isfinite(found)):
+        return None
+    return Covariance(tuple(told[n] for n in names), OF_CHOICE**2 * found)
 
 
 def flux_decay(file: shapes.ParameterFile) -> float:

@@ -22,7 +22,7 @@ from drivetool.identify.results import Z95
 # Findings by which the structure is not the machine's.
 DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
 TAKEN_OVER = "taken over, not used in this step"
-OF_RUN_DOWNS = ("rmse_counts", "nrmse_mean", "sensor_rmse")
+OF_RUN_DOWNS = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 

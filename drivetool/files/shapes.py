@@ -156,6 +156,8 @@ class CheckSection(Shape):
         description="of a run-down's speed: rmse over its mean; nrmse is over its range")] = UNSET
     sensor_rmse: Annotated[float | UnsetType, Meta(
         description="of a run-down: rmse that the sensor alone leaves, in unit")] = UNSET
+    parameters_rmse: Annotated[float | UnsetType, Meta(
+        description="of a run-down: rmse that the uncertainty of the parameters makes, in unit")] = UNSET
 
 
 class SizeSection(Shape):

@@ -130,8 +130,8 @@ CODES = {
         "Record while the torque changes."),
     "run-down-not-explained": Code(
         WARNING,
-        "The simulated angle of a run-down errs by more than the counts of its encoder do. This drive runs down "
-        "otherwise than the model: its friction has changed, or follows another law.",
+        "The simulated angle of a run-down errs by more than the counts of its encoder and the uncertainty of the "
+        "model explain. This drive runs down otherwise: its friction has changed, or follows another law.",
         "Fit this record too with `steady --method coast-down`, alone and together with the first."),
     "shaft-torque-unchecked": Code(
         NOTE,

@@ -11,6 +11,7 @@ from drivetool.check.validation.result import ValidateOptions
 from drivetool.check.validation.validate_run_down import BEYOND_COUNTS, Model, validate_run_down
 from drivetool.drive.chain import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
+from drivetool.identify.estimate import Covariance
 from drivetool.identify.options import Options
 from drivetool.identify.start import Start
 from drivetool.identify.steady import steady
@@ -156,3 +157,40 @@ def test_friction_far_too_steep_for_a_record_to_standstill_is_judged_all_the_sam
     drive = TRUTH.with_values({"motor.breakaway": 0.1 * PAPER.coulomb, "motor.breakaway_speed": speed})
     check, _ = judged(recording(1, motor_angle=counts(angle, 5)), Model("steep.yaml", drive)).checks
     assert check.rmse_counts == pytest.approx(1.0, abs=0.05)
+
+
+def short_run(speeds, seed):
+    """Fitted to a short piece of a run-down with a noisy speed: ratios that are known to some per cent."""
+    _, speed = motion(PAPER, lambda t: 0.0, speeds[0] * RPM, speeds[1] * RPM, 5.0)
+    e = recording(seed, motor_speed=speed + np.random.default_rng(seed).normal(0.0, 1.0, len(speed)))
+    return steady([e], one_body(), Options(method="coast-down"))
+
+
+def test_what_the_fit_leaves_open_is_no_other_friction():
+    """Twenty models that are known badly: in another run-down each errs by what its covariance says."""
+    times, named = [], 0
+    for seed in range(20):
+        estimate = short_run((1200, 700), seed)
+        ratios = {p.name: p.value for p in estimate.ratios}
+        names = ("motor.viscous", "motor.coulomb")
+        model = Model("m.yaml", one_body().with_values({"motor.inertia": 1.0} | dict(
+            zip(names, (ratios[n] for n in estimate.details["ratio_covariance"]["names"]), strict=True))),
+            spread=Covariance(names, np.array(estimate.details["ratio_covariance"]["matrix"])))
+        found = judged(at(50), model)
+        angle = found.checks[0]
+        assert angle.parameters_rmse > 5.0 * WIDTH
+        times.append(angle.rmse / angle.parameters_rmse)
+        named += "run-down-not-explained" in codes(found)
+    assert 0.5 < np.sqrt(np.mean(np.square(times))) < 2.0  # as large as stated
+    assert named <= 2
+
+
+def test_a_common_factor_that_is_unsure_leaves_nothing_open():
+    """Inertia and friction known to 5 %, all by one friction: their ratios are what runs down."""
+    names = ("motor.inertia", "motor.viscous", "motor.coulomb")
+    values = np.array([TRUTH.values[n] for n in names])
+    spread = Covariance(names, 0.05**2 * np.outer(values, values))
+    check, _ = judged(at(50), Model("m.yaml", TRUTH, spread=spread)).checks
+    assert check.parameters_rmse < 0.1 * WIDTH
+    alone = Covariance(names[1:2], spread.matrix[1:2, 1:2])
+    assert judged(at(50), Model("m.yaml", TRUTH, spread=alone)).checks[0].parameters_rmse > 50.0 * WIDTH

@@ -146,3 +146,33 @@ def test_stages_state_their_bias_and_validation_shows_it(here, call):
     assert judged["checks"][0]["rmse_counts"] > 100.0
     code, _, err = call("steady", "run40.parquet", *STEADY, "--stages", "750:1600")
     assert code == 2 and "two or three windows" in err
+
+
+def test_a_torque_that_may_be_forgotten_is_asked_for(here, call):
+    (here / "hand.yaml").write_text(yaml.safe_dump({
+        "schema": "drivetool/parameters/1", "drive": {"bodies": ["motor"], "shafts": []},
+        "parameters": {"motor.inertia": 8.7499e-5, "motor.viscous": 1.0791e-4, "motor.coulomb": 0.012998}}))
+    code, _, err = call("validate", "run50.parquet", "--params", "hand.yaml")
+    assert code == 1 and "motor_torque" in err and "--criterion coast-down" in err
+    angle, _ = written(call, "validate", "run50.parquet", "--params", "hand.yaml", "--criterion", "coast-down")[
+        "checks"]
+    assert angle["rmse_counts"] <= 1.05 and "parameters_rmse" not in angle
+
+
+def test_what_a_record_adds_to_an_inertia_that_is_not_known_is_refused(coast, call):
+    code, _, err = call("validate", "run50.parquet", "--params", coast, "--record", "run50.parquet",
+                        "motor.added_inertia=5e-5")
+    assert code == 1 and "a known inertia beside motor.added_inertia" in err
+
+
+def test_ratios_have_their_covariance_in_the_file(here, coast, call):
+    content = yaml.safe_load((here / coast).read_text())
+    known = content["details"]["ratio_covariance"]
+    for i, name in enumerate(known["names"]):
+        assert np.sqrt(known["matrix"][i][i]) == pytest.approx(content["derived"][name]["std"])
+    angle = written(call, "validate", "run55.parquet", "--params", coast)["checks"][0]
+    assert 0.0 < angle["parameters_rmse"] < 0.5 * angle["sensor_rmse"]
+    del content["details"]["ratio_covariance"]["matrix"]
+    (here / "bare.yaml").write_text(yaml.safe_dump(content))
+    bare = written(call, "validate", "run55.parquet", "--params", "bare.yaml")["checks"][0]
+    assert "parameters_rmse" not in bare

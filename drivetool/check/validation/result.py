@@ -60,6 +60,7 @@ class RecordCheck:
     rmse_counts             of an angle by counts: rmse over count/sqrt(12), which is 1 if counts alone are left
     nrmse_mean              of a run-down's speed: rmse over its mean
     sensor_rmse             of a run-down: rmse that the sensor alone leaves, in the unit of `output`
+    parameters_rmse         of a run-down: rmse that the uncertainty of the parameters makes; None: it is not known
     """
 
     model: str
@@ -84,6 +85,7 @@ class RecordCheck:
     rmse_counts: float | None = None
     nrmse_mean: float | None = None
     sensor_rmse: float | None = None
+    parameters_rmse: float | None = None
 
 
 @dataclass(frozen=True)

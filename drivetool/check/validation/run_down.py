@@ -10,6 +10,7 @@ from drivetool.drive.chain import Drive
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, fit, run_of, simulated
 from drivetool.identify.coast_down.readings import UNIFORM
 from drivetool.identify.coast_down.stretches import Stretch
+from drivetool.identify.estimate import Covariance
 from drivetool.logs.experiment import Experiment
 
 PARTS = 40  # of a run-down: a model errs smoothly, so that its error has one slope in each
@@ -24,7 +25,7 @@ class Signal:
 
     measured   (n,), NaN where there is none
     simulated  (n,) with the start state fitted to all of the run-down; begun: to its beginning alone
-    sensor     rmse that the sensor alone leaves
+    sensor     rmse that the sensor alone leaves; unsure: what the uncertainty of the parameters makes
     count      step of the sensor, 0 where it does not count
     """
 
@@ -33,6 +34,7 @@ class Signal:
     begun: np.ndarray
     sensor: float
     count: float = 0.0
+    unsure: float | None = None
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,39 @@ def beside(experiment: Experiment, stretch: Stretch, drive: Drive, encoder: floa
     error, floor = _speed_error(fitted, encoder)
     measured = speed - error[seen]
     return RunDown(time, angle, Signal(measured, speed, early_speed, floor))
+
+
+def unsure(experiment: Experiment, stretch: Stretch, drive: Drive, run: RunDown, spread: Covariance) -> RunDown:
+    """The same with the rmse that the uncertainty of the parameters makes.
+
+    The parameters are moved along each principal axis of their correlation by its standard deviation, and the start
+    state is fitted anew. A common factor of inertia and friction, which moves nothing, is such an axis.
+    """
+    whole = run_of(experiment, stretch)
+    seen = round((run.time[0] - experiment.time[stretch.first]) / experiment.step)
+    angle, speed = 0.0, 0.0
+    for values in _moved(drive, spread):
+        other = drive.with_values(values)
+        out = simulated(other, whole, fit(other, (), [whole], NOTHING).starts[0])
+        turned, fast = (part[seen:seen + len(run.time)] for part in out)
+        speed += float(np.mean((fast - run.speed.simulated) ** 2))
+        angle += float(np.mean((turned - run.angle.simulated) ** 2)) if run.angle else 0.0
+    return replace(run, angle=run.angle and replace(run.angle, unsure=float(np.sqrt(angle))),
+                   speed=replace(run.speed, unsure=float(np.sqrt(speed))))
+
+
+def _moved(drive: Drive, spread: Covariance) -> list[dict[str, float]]:
+    """The values of each move, inside the bounds of what a parameter may be."""
+    variance = np.diag(spread.matrix)
+    at = np.flatnonzero(variance > 0.0)
+    std = np.sqrt(variance[at])
+    sizes, axes = np.linalg.eigh(spread.matrix[np.ix_(at, at)] / np.outer(std, std))
+    found = []
+    for size, axis in zip(sizes, axes.T, strict=True):
+        away = std * axis * np.sqrt(max(size, 0.0))
+        found.append({n: float(np.clip(drive.values[n] + d, *drive.quantity(n).bounds))
+                      for n, d in zip((spread.names[i] for i in at), away, strict=True)})
+    return found
 
 
 def _speed_error(fitted: Fitted, encoder: float) -> tuple[np.ndarray, float]:

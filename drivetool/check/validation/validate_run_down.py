@@ -9,18 +9,19 @@ import numpy as np
 
 from drivetool.check.validation import remarks
 from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
-from drivetool.check.validation.run_down import RunDown, Signal, beside
+from drivetool.check.validation.run_down import RunDown, Signal, beside, unsure
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.identify.coast_down.report import switched_off_assumed
-from drivetool.identify.coast_down.stretches import stretches_of
-from drivetool.identify.estimate import Exhibit
+from drivetool.identify.coast_down.stretches import Stretch, stretches_of
+from drivetool.identify.estimate import Covariance, Exhibit
 from drivetool.identify.fit_percent import fit_percent, fit_words
 from drivetool.identify.start import Start
 from drivetool.logs.experiment import Experiment, numbered
 
 # Times the rmse that counts alone leave. An even error over 1000 samples has an rmse that is known to 1.4 %.
 BEYOND_COUNTS = 1.05
+BEYOND_FIT = 2.6  # standard deviations by the parameters: one normal error in a hundred is larger
 RPM = 30.0 / np.pi  # of one rad/s
 
 
@@ -32,12 +33,14 @@ class Model:
     drive    with values for a simulation
     ratios   whether the file has ratios to the inertia alone, so that the inertia of `drive` is one of choice
     encoder  standard deviation of what the encoder errs by beyond its counts, by the fit
+    spread   covariance of parameters of `drive`; None: not known, which counts as exact
     """
 
     name: str
     drive: Drive
     ratios: bool = False
     encoder: float = 0.0
+    spread: Covariance | None = None
 
 
 def validate_run_down(experiments: Sequence[Experiment], models: Sequence[Model], options: ValidateOptions,
@@ -71,7 +74,7 @@ def validate_run_down(experiments: Sequence[Experiment], models: Sequence[Model]
         model.drive.require(model.drive.missing(), "a simulation")
         findings += _by_ratios(name) if model.ratios else []
         for file, e, stretches in zip(files, experiments, off, strict=True):
-            runs = [beside(e, s, model.drive, model.encoder) for s in stretches]
+            runs = [_run(e, s, model) for s in stretches]
             mine = _checks(name, file, e, runs, options)
             checks += mine
             findings += remarks.of_record(e, experiments, hashes, mine[0])
@@ -82,6 +85,12 @@ def validate_run_down(experiments: Sequence[Experiment], models: Sequence[Model]
     unseen = any(e.sha256 not in hashes for hashes in seen for e in experiments)
     return Validation(tuple(checks), _verdict(checks, unseen), tuple(findings),
                       tuple(e.source for e in experiments), {}, tuple(exhibits))
+
+
+def _run(e: Experiment, stretch: Stretch, model: Model) -> RunDown:
+    """A run-down beside the model, with what the model's uncertainty makes of it."""
+    run = beside(e, stretch, model.drive, model.encoder)
+    return run if model.spread is None else unsure(e, stretch, model.drive, run, model.spread)
 
 
 def _checks(name: str, file: str, e: Experiment, runs: Sequence[RunDown],
@@ -110,7 +119,7 @@ def _check(name: str, file: str, output: str, unit: str, signals: Sequence[Signa
     y, simulated, begun = y[known], simulated[known], begun[known]
     fit, rmse, nan = fit_percent(y, simulated), _rms(y - simulated), float("nan")
     wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
-    count = max(s.count for s in signals)
+    count, told = max(s.count for s in signals), [s.unsure for s in signals if s.unsure is not None]
     return RecordCheck(
         name, file, output, unit, fit, None, rmse, rmse / wide if wide else nan,
         1.0 - rmse**2 * len(y) / total if wide and total else nan, len(y), nan, nan, nan, nan, None,
@@ -118,7 +127,8 @@ def _check(name: str, file: str, output: str, unit: str, signals: Sequence[Signa
         fit_percent(y, begun), _rms(y - begun),
         rmse_counts=float(rmse * np.sqrt(12.0) / count) if count else None,
         nrmse_mean=rmse / abs(float(np.mean(y))) if output == "motor_speed" else None,
-        sensor_rmse=_rms(np.array([s.sensor for s in signals])))
+        sensor_rmse=_rms(np.array([s.sensor for s in signals])),
+        parameters_rmse=_rms(np.array(told)) if told else None)
 
 
 def _rms(values: np.ndarray) -> float:
@@ -136,13 +146,17 @@ def _by_ratios(name: str) -> list[Finding]:
 
 def _beyond(check: RecordCheck) -> list[Finding]:
     """An angle by counts that errs by more than counts do; the noise of another sensor need not be white."""
-    if check.rmse_counts is None or not check.sensor_rmse or check.rmse <= BEYOND_COUNTS * check.sensor_rmse:
+    if check.rmse_counts is None or not check.sensor_rmse:
+        return []
+    if check.rmse <= np.hypot(BEYOND_COUNTS * check.sensor_rmse, BEYOND_FIT * (check.parameters_rmse or 0.0)):
         return []
     times = check.rmse / check.sensor_rmse
     return [Finding(
         "warning", "run-down-not-explained", f"The simulated angle in {check.file} (model {check.model}) errs by "
-        f"{check.rmse:.3g} {check.unit}, {times:.3g} times what the counts alone leave: this drive runs down "
-        "otherwise than the model.", {"rmse": check.rmse, "rmse_counts": check.rmse_counts, "times": times},
+        f"{check.rmse:.3g} {check.unit}, {times:.4g} times what the counts alone leave, and more than the "
+        "uncertainty of the model explains: this drive runs down otherwise.",
+        {"rmse": check.rmse, "rmse_counts": check.rmse_counts, "times": times,
+         **({} if check.parameters_rmse is None else {"parameters_rmse": check.parameters_rmse})},
         "Fit this record too (steady --method coast-down): it says whether the friction has changed "
         "(run-downs-differ) or follows another law (friction-law-incomplete).")]
 

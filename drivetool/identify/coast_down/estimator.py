@@ -19,6 +19,7 @@ from drivetool.identify.coast_down.report import (
     figures,
     findings,
     outcome,
+    ratio_covariance,
     ratio_lines,
     untold,
 )
@@ -95,8 +96,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
         step="steady", drive=own.with_values(kept), parameters=lines,
         outcome=outcome(stretches, experiments, scale.by), fit=figures(fitted, stretches),
         covariance=_covariance(free, told, fitted),
-        details={"scale": list(scale.by), "spans": _listed(stretches, experiments),
-                 "sensor": _sensor(fitted)},
+        details={"scale": list(scale.by), "spans": _listed(stretches, experiments), "sensor": _sensor(fitted)} | (
+            {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
         findings=tuple(findings(fitted, stretches, experiments, scale.by, spread)),
         data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
         ratios=ratio_lines(ended, free, fitted))

@@ -59,6 +59,13 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Para
     return tuple(found)
 
 
+def ratio_covariance(drive: Drive, free: Sequence[str], fitted: Fitted) -> dict[str, object]:
+    """Names and covariance of what a fit without a scale tells: its inertia is one, its torques are ratios."""
+    told = [i for i, n in enumerate(free) if not untold(n, free, fitted)]
+    names = [ratio_name(n) if "{T}" in drive.quantity(n).unit else n for n in (free[i] for i in told)]
+    return {"names": names, "matrix": fitted.covariance[np.ix_(told, told)].tolist()}
+
+
 def untold(name: str, free: Sequence[str], fitted: Fitted) -> bool:
     """Whether the run-downs hardly tell a further law, by any of its parameters."""
     body, _, suffix = name.partition(".")

@@ -94,7 +94,7 @@ def in_stages(estimate: Estimate, joint: Joint, windows: Sequence[tuple[float, f
         # The chi-square of a wrong model is none: its errors have been taken for those of the encoder.
         fit={k: v for k, v in figures(whole, joint.stretches).items() if not k.startswith("chi2")},
         outcome=f"{estimate.outcome.rstrip('.')}; fitted in {len(stages)} stages.",
-        details={**estimate.details, **details},
+        details={k: v for k, v in estimate.details.items() if k != "ratio_covariance"} | details,
         findings=(*estimate.findings, _bias(apart, stages[0], held, joint.ended, unit)),
         exhibits=exhibits(joint.experiments, joint.stretches, whole, ended))
 
