@@ -56,14 +56,15 @@ def run_down_model(source: Source, drive: Drive, known: Covariance | None) -> Mo
         elif AT in name:
             raise BadParameters(f"a known inertia beside {name}", f"ratios alone in {source.name}",
                                 "Fit the coast-down with a known scale, or leave it out.")
-    return Model(source.name, own.with_values(found), True, encoder, _spread(source.file, told))
+    with naming(source.name):
+        return Model(source.name, own.with_values(found), True, encoder, _spread(source.file, told))
 
 
 def _spread(file: shapes.ParameterFile, told: Mapping[str, str]) -> Covariance | None:
     """Covariance of the ratios as the step wrote it, by the names of the model; None: the file has none."""
     section = file.details.get("ratio_covariance")
     names, matrix = (section.get(k) for k in ("names", "matrix")) if isinstance(section, dict) else (None, None)
-    if not isinstance(names, list) or not isinstance(matrix, list) or not set(names) <= told.keys():
+    if not isinstance(names, list) or not all(isinstance(n, str) and n in told for n in names):
         return None
     try:
         found = np.array(matrix, float)
@@ -76,8 +77,7 @@ def _spread(file: shapes.ParameterFile, told: Mapping[str, str]) -> Covariance |
 
 def flux_decay(file: shapes.ParameterFile) -> float:
     """What the fit of a file left out after the switching [s]."""
-    value = file.options.get("flux_decay")
-    return float(value) if isinstance(value, int | float) else 0.0
+    return _size(file.options.get("flux_decay"))
 
 
 def _ratios(file: shapes.ParameterFile) -> dict[str, shapes.DerivedSection]:
@@ -91,4 +91,9 @@ def _encoder(file: shapes.ParameterFile) -> float:
     sensors = file.details.get("sensor")
     found = [s.get("error_beyond_counts", 0.0) for s in sensors if isinstance(s, dict)] \
         if isinstance(sensors, list) else []
-    return max((float(e) for e in found if isinstance(e, int | float)), default=0.0)
+    return max(map(_size, found), default=0.0)
+
+
+def _size(value: object) -> float:
+    """A number that is not negative; zero for anything else that a hand may have written."""
+    return float(value) if isinstance(value, int | float) and 0.0 <= value < float("inf") else 0.0

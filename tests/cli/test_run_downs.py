@@ -176,3 +176,27 @@ def test_ratios_have_their_covariance_in_the_file(here, coast, call):
     (here / "bare.yaml").write_text(yaml.safe_dump(content))
     bare = written(call, "validate", "run55.parquet", "--params", "bare.yaml")["checks"][0]
     assert "parameters_rmse" not in bare
+
+
+@pytest.mark.parametrize("change", [
+    {"ratio_covariance": 3}, {"ratio_covariance": {"names": [[1], "x"], "matrix": 1}},
+    {"ratio_covariance": {"names": ["viscous_over_inertia"], "matrix": [["a"]]}},
+    {"ratio_covariance": {"names": ["viscous_over_inertia"], "matrix": [[-1.0]]}},
+    {"sensor": "none"}, {"sensor": [{"error_beyond_counts": "much"}, 3]}])
+def test_details_that_a_hand_has_spoilt_stop_nothing(here, coast, call, change):
+    content = yaml.safe_load((here / coast).read_text())
+    content["details"] |= change
+    content["options"]["flux_decay"] = -1.0
+    (here / "spoilt.yaml").write_text(yaml.safe_dump(content))
+    found = written(call, "validate", "run50.parquet", "--params", "spoilt.yaml")
+    assert found["checks"][0]["rmse_counts"] <= 1.05 and found["options"]["flux_decay"] == 0.0
+
+
+def test_the_same_bytes_twice_and_a_ratio_out_of_bounds(here, coast, call):
+    words = ("validate", "run50.parquet", "--params", coast, "--out", "-")
+    assert call(*words)[1] == call(*words)[1]
+    content = yaml.safe_load((here / coast).read_text())
+    content["derived"]["viscous_over_inertia"]["value"] = -1.0
+    (here / "below.yaml").write_text(yaml.safe_dump(content))
+    code, _, err = call("validate", "run50.parquet", "--params", "below.yaml")
+    assert code == 1 and "below.yaml" in err and "motor.viscous" in err
