@@ -41,6 +41,7 @@ class Job:
     more: Sequence[str] = ()  # files read by an option that this command alone has
     start: Sequence[str] = ()
     record: Sequence[str] = ()
+    stages: str = ""
 
     @cached_property
     def logs(self) -> list[str]:

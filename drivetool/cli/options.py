@@ -36,10 +36,11 @@ class BlackboxCriterionName(StrEnum):
 
 
 class CheckCriterionName(StrEnum):
-    """What a model is judged by: the motion that it simulates, or the torque that the motion asks of it."""
+    """What a model is judged by: its motion, the torque that the motion asks of it, or running down."""
 
     simulation = "simulation"
     inverse = "inverse"
+    coast_down = "coast-down"
 
 
 class WeightingName(StrEnum):
@@ -111,7 +112,11 @@ Method = Annotated[MethodName, _option(
     "without torque, both where a torque is known.")]
 FluxDecay = Annotated[float | None, _option(
     "--flux-decay", metavar="S", min=0.0, help="coast-down: time in s after switching off that is left out, until "
-    "the flux of an induction motor has decayed. Default: 0.")]
+    "the flux of an induction motor has decayed. Default: 0; validate: what the fit left out.")]
+Stages = Annotated[str | None, _option(
+    "--stages", metavar="HIGH:LOW,...", help="coast-down: fit windows of the speed one after the other, in rpm, or "
+    "with the unit behind the last: '1600:750,750:300'. Viscous friction and inertia by the first, Coulomb "
+    "friction by the second, speeds of breakaway by a third. The bias against the fit of all at once is stated.")]
 Segment = Annotated[float | None, _option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of segments with free start states for a simulation fit; 0: one free run.")]
@@ -150,8 +155,8 @@ BlackboxCriterion = Annotated[BlackboxCriterionName, _option(
     "--criterion", help="What the fit minimises: one-step prediction with its noise model, simulation, or the "
     "distance from the measured frequency response.")]
 CheckCriterion = Annotated[CheckCriterionName, _option(
-    "--criterion", help="What a model is judged by: the motion that it simulates, or inverse: the torque that the "
-    "motion asks of it.")]
+    "--criterion", help="What a model is judged by: the motion that it simulates; inverse: the torque that the "
+    "motion asks of it; coast-down: run-downs without torque, taken by itself where the file is of one.")]
 Weighting = Annotated[WeightingName, _option(
     "--weighting", help="Of the lines of a frequency fit: by their variance (maximum likelihood), or by coherence "
     "over frequency, of logarithms.")]

@@ -15,4 +15,4 @@ def _load():
 
 command = estimator_command("steady", _load, {
     "method": (cli.Method, cli.MethodName.speeds), "flux_decay": (cli.FluxDecay, None),
-    "record": (cli.Record, None)})
+    "stages": (cli.Stages, None), "record": (cli.Record, None)})

@@ -13,6 +13,7 @@ from drivetool.cli.deliver import deliver, draw_recordings
 from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of, with_torques
 from drivetool.cli.outcomes import guarded
 from drivetool.cli.record_option import differing
+from drivetool.cli.stages_option import windows_of
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     Estimator = Callable[..., Estimate]
 
 
-OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method", "flux_decay")
+OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method", "flux_decay",
+               "stages")
 
 
 def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),
@@ -43,7 +45,8 @@ def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str
         quiet: cli.Quiet = False, **more: object,
     ) -> None:
         job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
-                  condition or (), start=more.pop("start", None) or (), record=more.pop("record", None) or ())
+                  condition or (), start=more.pop("start", None) or (), record=more.pop("record", None) or (),
+                  stages=more.pop("stages", None) or "")
 
         def work() -> int:
             from drivetool.identify.options import Options
@@ -92,7 +95,8 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     check_shaft_torque(opened.experiments, drive)
     options = replace(options, free=(*options.free, *apart.free),
                       known=opened.loaded.covariance(drive, single=True),
-                      start=replace(start_of(job.start, drive), records=apart.starts))
+                      start=replace(start_of(job.start, drive), records=apart.starts),
+                      stages=windows_of(job.stages, drive.motion_unit))
     try:
         estimate = estimator(opened.experiments, drive, options)
     except DriveToolError:
@@ -100,6 +104,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
         raise
     used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
     plain = asdict(Options())  # of what only one step has, the file says what was asked for
+    used |= {"stages": job.stages} if job.stages else {}
     used = {name: value for name, value in used.items()
             if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
     estimate = replace(estimate, options=noted(job, used, apart.words),

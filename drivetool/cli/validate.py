@@ -45,7 +45,8 @@ def command(
     drive: cli.DriveName = None,
     min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
     criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
-    segment: Segment = 0.0, start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
+    segment: Segment = 0.0, flux_decay: cli.FluxDecay = None,
+    start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
     out: cli.Out = None, json: cli.Json = False,
     gains: GainsPath = None, configuration: Configuration = None,
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
@@ -58,7 +59,8 @@ def command(
     def work() -> int:
         from drivetool.check.validation.result import ValidateOptions
 
-        asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value)
+        asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
+                                flux_decay=flux_decay)
         return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
 
     guarded("validate", work, debug, quiet)
@@ -73,14 +75,15 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     for option, words in (("--start", job.start), ("--record", job.record)):
         if words:
             raise BadOption(f"{option} or --gains", "both", "A closed loop begins as the record does.")
-    if options.criterion == "inverse":
-        raise BadOption("--criterion inverse or --gains", "both", "A closed loop is replayed by simulation.")
+    if options.criterion != "simulation" or options.flux_decay is not None:
+        other = "--flux-decay" if options.criterion == "simulation" else f"--criterion {options.criterion}"
+        raise BadOption(f"{other} or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each])
     models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
-    used = asdict(options) | {"gains": entry[0], "configuration": configuration}
+    used = _used(options) | {"gains": entry[0], "configuration": configuration}
     validation = replace(validation, options=noted(job, used), findings=findings(
         opened, validation.findings, {*COMPARED, "load_torque"}, models[0][2], job.step))
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
@@ -106,14 +109,21 @@ def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
     return [entry.sha256 for entry in file.data if entry.sha256 not in apart]
 
 
+def _used(options: ValidateOptions) -> dict[str, Any]:
+    """The options as the file notes them, what only a coast-down has where it was one."""
+    return {name: value for name, value in asdict(options).items() if name != "flux_decay" or value is not None}
+
+
 def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validation.validate import validate
     from drivetool.check.validation.validate_torque import validate_torque
+    from drivetool.cli.run_downs import COAST_DOWN, judged_by, on_run_downs
     from drivetool.files.result_file import validation_file
     from drivetool.identify.unused import used_by
 
     opened = open_all(job)
+    options = judged_by(opened, options)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
     opened, drives = _of_models(opened, [found.drive for found in apart])
@@ -123,7 +133,9 @@ def run(job: Job, options: ValidateOptions) -> int:
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:
-        if options.criterion == "inverse":
+        if options.criterion == COAST_DOWN:
+            validation = on_run_downs(opened, drives, options, fitted_on, known)
+        elif options.criterion == "inverse":
             validation = validate_torque(opened.experiments, [(n, d) for n, d, _ in models], options, **more)
         else:
             more |= {"known": known} if any(known) else {}
@@ -131,7 +143,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     except DriveToolError:
         draw_recordings(job, opened.experiments)
         raise
-    used = asdict(options) | dict(validation.options)
+    used = _used(options) | dict(validation.options)
     taken = {role for _, drive, _ in models
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}
     validation = replace(validation, options=noted(job, used, apart[0].words),

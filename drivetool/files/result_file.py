@@ -10,7 +10,7 @@ from typing import Any, Literal
 import msgspec
 
 import drivetool
-from drivetool.check.validation.result import Validation
+from drivetool.check.validation.result import RecordCheck, Validation
 from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files import shapes
@@ -22,6 +22,7 @@ from drivetool.identify.results import Z95
 # Findings by which the structure is not the machine's.
 DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
 TAKEN_OVER = "taken over, not used in this step"
+OF_RUN_DOWNS = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]
 Inputs = Sequence[tuple[str, str]]
 
@@ -84,10 +85,16 @@ def validation_file(validation: Validation, inputs: Inputs = ()) -> shapes.Valid
     return shapes.ValidationFile(
         schema=shapes.VALIDATION_SCHEMA, tool=tool_section(), step="validate", verdict=validation.verdict,
         passed=all(check.passed for check in validation.checks),
-        checks=[shapes.CheckSection(**plain(asdict(check))) for check in validation.checks],
+        checks=[_check_section(check) for check in validation.checks],
         findings=finding_sections(validation.findings), data=file_sections(validation.data),
         inputs=file_sections(inputs),
         options=plain(validation.options))
+
+
+def _check_section(check: RecordCheck) -> shapes.CheckSection:
+    """One check; figures of run-downs alone are left out of others."""
+    entry = plain(asdict(check))
+    return shapes.CheckSection(**{k: v for k, v in entry.items() if k not in OF_RUN_DOWNS or v is not None})
 
 
 def drive_section(drive: Drive) -> shapes.DriveSection:

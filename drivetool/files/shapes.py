@@ -150,6 +150,14 @@ class CheckSection(Shape):
     measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
     rmse_percent: Annotated[Number, Meta(
         description="by inverse dynamics: rmse over the root mean square of the torque")] = None
+    rmse_counts: Annotated[float | UnsetType, Meta(
+        description="of an angle by counts: rmse over count/sqrt(12); 1 is what counts alone leave")] = UNSET
+    nrmse_mean: Annotated[float | UnsetType, Meta(
+        description="of a run-down's speed: rmse over its mean; nrmse is over its range")] = UNSET
+    sensor_rmse: Annotated[float | UnsetType, Meta(
+        description="of a run-down: rmse that the sensor alone leaves, in unit")] = UNSET
+    parameters_rmse: Annotated[float | UnsetType, Meta(
+        description="of a run-down: rmse that the uncertainty of the parameters makes, in unit")] = UNSET
 
 
 class SizeSection(Shape):

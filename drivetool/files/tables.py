@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import PurePath
 
 import msgspec
@@ -18,6 +18,7 @@ from drivetool.files import shapes
 _LABELS = {"simulation_fit_percent": "simulation fit", "one_step_fit_percent": "one-step fit",
            "rmse": "rmse of the simulation", "n": "samples"}
 _COLOURS = {"note": "cyan", "warning": "yellow", "failure": "bold red"}
+RPM = 30.0 / math.pi  # of one rad/s
 _ORDER = ("failure", "warning", "note")
 
 
@@ -63,13 +64,20 @@ def print_validation(file: shapes.ValidationFile, console: Console) -> None:
     """One row per model and record, the cross table if there are several of both, the verdict."""
     for output in dict.fromkeys(check.output for check in file.checks):
         checks = [check for check in file.checks if check.output == output]
-        console.print((check_table if checks[0].rmse_percent is None else torque_table)(checks))
+        console.print(_table_of(checks[0])(checks))
         if any(check.measured_start_rmse is not None for check in checks):
             console.print(start_table(checks))
         models, files = _names(checks, "model"), _names(checks, "file")
         if len(models) > 1 and len(files) > 1:
             console.print(cross_table(checks))
     console.print(Text(f"  {file.verdict}", style="green" if file.passed else "bold red"))
+
+
+def _table_of(check: shapes.CheckSection) -> Callable[[Sequence[shapes.CheckSection]], Table]:
+    """Which table shows checks of this kind."""
+    if check.sensor_rmse is not msgspec.UNSET:
+        return run_down_table
+    return check_table if check.rmse_percent is None else torque_table
 
 
 def print_findings(findings: Sequence[shapes.FindingSection], console: Console) -> None:
@@ -149,6 +157,39 @@ def torque_table(checks: Sequence[shapes.CheckSection]) -> Table:
                  short(check.rmse_percent))
         table.add_row(*map(Text, cells), Text("met", "green") if check.passed else Text("missed", "bold red"))
     return table
+
+
+def run_down_table(checks: Sequence[shapes.CheckSection]) -> Table:
+    """The angle of run-downs in counts, or their speed over its range and over its mean."""
+    first, speeds = checks[0], checks[0].output == "motor_speed"
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0, show_edge=False,
+                  title=Text(f"run-downs: {first.output}"), title_justify="left")
+    for title in ("model", "record"):
+        table.add_column(title, overflow="fold")
+    turns = speeds and first.unit == "rad/s"
+    titles = ["rmse rpm"] * turns + ["NRMSE range %", "NRMSE mean %", "R2"] if speeds else [
+        "count /sqrt(12)", "fit %"]
+    for title in (f"rmse {first.unit}", "sensor alone", *titles):
+        table.add_column(title, justify="right", min_width=max(map(len, title.split())))
+    table.add_column("bars", no_wrap=True, min_width=6)
+    models, files = _labels(checks)
+    for c in checks:
+        figures = [short(c.rmse, 3), short(_told(c.sensor_rmse), 3)]
+        if speeds:
+            figures += [short(c.rmse and c.rmse * RPM, 3)] * turns
+            figures += [short(c.nrmse and 100.0 * c.nrmse, 3), short(100.0 * (_told(c.nrmse_mean) or 0.0), 3),
+                        "-" if c.r2 is None else f"{c.r2:.6f}"]
+        else:
+            counts = _told(c.rmse_counts)
+            figures += [f"{counts:.3f}" if counts is not None and counts < 10.0 else short(counts),
+                        short(c.simulation_fit_percent, 6)]
+        table.add_row(*map(Text, (models[c.model], files[c.file], *figures)),
+                      Text("met", "green") if c.passed else Text("missed", "bold red"))
+    return table
+
+
+def _told(value: float | msgspec.UnsetType) -> float | None:
+    return None if value is msgspec.UNSET else value
 
 
 def start_table(checks: Sequence[shapes.CheckSection]) -> Table:

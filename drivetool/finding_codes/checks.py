@@ -128,11 +128,21 @@ CODES = {
         "Whether the residual depends on the torque cannot be tested: the torque is constant, or the record is "
         "too short.",
         "Record while the torque changes."),
+    "run-down-not-explained": Code(
+        WARNING,
+        "The simulated angle of a run-down errs by more than the counts of its encoder and the uncertainty of the "
+        "model explain. This drive runs down otherwise: its friction has changed, or follows another law.",
+        "Fit this record too with `steady --method coast-down`, alone and together with the first."),
     "shaft-torque-unchecked": Code(
         NOTE,
         "Sign and scale of the shaft torque sensor could not be checked: the fit to the motor alone does not "
         "determine the torque in the shaft.",
         "Record torque steps that excite the resonance."),
+    "simulated-by-ratios": Code(
+        NOTE,
+        "The file of a coast-down has ratios to the inertia alone. It is simulated with an inertia of one, on "
+        "which no run-down depends. The figures do not judge an inertia.",
+        "For a record under torque fit a coast-down with a known scale."),
     "simulation-drifts": Code(
         WARNING,
         "The error of a simulated speed is mostly a ramp, steeper than the noise explains. An idle torque or a "

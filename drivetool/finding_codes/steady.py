@@ -72,6 +72,12 @@ CODES = {
         "A constant force acts along the way. The recordings drive one road up and down and their constant torques "
         "differ, or the drive turns both ways and has an idle torque. Over the weight that is the slope.",
         "Where the road is level, look for wind, a load or the temperature."),
+    "staged-fit": Code(
+        NOTE_OR_WARNING,
+        "The coast-down was fitted window by window (`--stages`). A window holds what a later one fits at its "
+        "start value, zero if nobody knows one, and takes the error of that into its own values. They are compared "
+        "with the fit of all at once; more than two of its standard deviations are a warning.",
+        "Leave out `--stages`: the joint fit needs no more than the same recording."),
     "standstill-left-out": Code(
         NOTE,
         "Steady intervals at standstill are left out, since static friction takes any torque there.",

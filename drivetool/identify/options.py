@@ -34,7 +34,8 @@ class Options:
     band       (low, high) Hz of a fit in the frequency domain; None: where the record is excited
     method     steady: speeds, from intervals of constant speed; acceleration, from those of constant torque;
                coast-down, from running down without torque. flux_decay: time after switching off that a coast-down
-               leaves out [s]
+               leaves out [s]. stages: of a coast-down, windows (high, low) of the speed [motion unit/s] that are
+               fitted one after the other
     start      greybox and backlash: what is known of the state in which every recording begins
     known      covariance of the values that the parameter files bring, so that the interval of
                what is fitted includes the uncertainty of what is held
@@ -53,5 +54,6 @@ class Options:
     band: tuple[float, float] | None = None
     method: Method = "speeds"
     flux_decay: float | None = None
+    stages: tuple[tuple[float, float], ...] = ()
     start: Start = field(default_factory=Start)
     known: Covariance | None = None

@@ -82,9 +82,10 @@ def _check_asked(drive: Drive, options: Options) -> None:
     if start.rest or start.states or start.records or any(drive.value(f"{b}.clamped") for b in drive.bodies):
         raise BadOption("no start state and no clamp in steady", "one of them",
                         "Leave it out: the start of every stretch is fitted.")
-    if options.flux_decay is not None and options.method != "coast-down":
-        raise BadOption("--method coast-down with --flux-decay", f"--method {options.method}",
-                        "Say so, or leave it out.")
+    for option, asked in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
+        if asked and options.method != "coast-down":
+            raise BadOption(f"--method coast-down with {option}", f"--method {options.method}",
+                            "Say so, or leave it out.")
 
 
 def _within(interval: Interval, stretch: Stretch, experiment: Experiment) -> bool:

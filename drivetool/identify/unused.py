@@ -15,7 +15,7 @@ AT_MOTOR = ("motor_speed", "motor_angle")
 
 def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterion: str = "") -> set[str]:
     """The roles that a step takes of recordings that it can work with."""
-    if step == "steady":
+    if step == "steady" or criterion == "coast-down":
         return _used_by_steady(experiments, drive)
     roles = roles_of(experiments, drive)
     if step == "blackbox" and (both := both_outputs(experiments, drive)) is not None:

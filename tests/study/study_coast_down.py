@@ -1,5 +1,7 @@
 """Coverage and scatter of coast-downs by counts: ratios, a stretch under torque, an added inertia, breakaway.
 
+And a model of one run-down, judged by others from higher speeds, and by those of a drive with a drag besides.
+
     python -m tests.study.study_coast_down 200
 """
 
@@ -10,6 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from drivetool.check.validation.result import ValidateOptions
+from drivetool.check.validation.validate_run_down import Model, validate_run_down
 from drivetool.drive.chain import one_body
 from drivetool.identify.options import Options
 from drivetool.identify.steady import steady
@@ -55,6 +59,32 @@ def breakaway(seed, angles):
     return [recording(seed, motor_angle=counts(angles["breakaway"][first:], seed))], one_body(), how, truth
 
 
+def judged(n: int) -> None:
+    """Print, per supply frequency, median and largest rmse by the same drive and by one with drag."""
+    fast = 2240 * RPM / 40  # of one Hz
+    drag = replace(PAPER, drag=0.01 * PAPER.friction(40 * fast) / (40 * fast) ** 2)
+    runs = {(h, m): motion(motor, lambda t: 0.0, 1.02 * fast * h, 80 * RPM, 5.0)[0]
+            for h in (40, 45, 50, 55) for m, motor in (("same", PAPER), ("drag of 1 %", drag))}
+    found: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    for seed in range(n):
+        def record(h: int, motor: str, seed: int = seed):
+            first = int(np.random.default_rng((seed, h)).integers(0, 400))
+            return recording(1000 * h + seed, motor_angle=counts(runs[h, motor][first:], 1000 * h + seed))
+
+        ratios = {p.name: p.value for p in steady([record(40, "same")], one_body(), HOW).ratios}
+        model = Model("coast.yaml", one_body().with_values({
+            "motor.inertia": 1.0, "motor.viscous": ratios["viscous_over_inertia"],
+            "motor.coulomb": ratios["coulomb_over_inertia"]}), ratios=True)
+        for h, motor in runs:
+            if (h, motor) != (40, "same"):
+                angle, speed = validate_run_down([record(h, motor)], [model], ValidateOptions()).checks
+                found.setdefault((h, motor), []).append((angle.rmse_counts, speed.rmse / RPM))
+    for (h, motor), rows in found.items():
+        angle, speed = np.array(rows).T
+        print(f"{h} Hz, {motor}: angle {np.median(angle):.4g} (largest {angle.max():.4g}) count/sqrt(12), "
+              f"speed {np.median(speed):.2g} ({speed.max():.2g}) rpm", flush=True)
+
+
 def main(n: int) -> None:
     """Print, per case and figure: intervals that hold, median of std over value, scatter over value."""
     heavy = replace(PAPER, inertia=PAPER.inertia + ADDED)
@@ -78,6 +108,7 @@ def main(n: int) -> None:
             value, std, held = (np.array(column) for column in zip(*rows, strict=True))
             print(f"{case.__name__} {name}: {held.sum()} of {n}, std {100 * np.median(std):.2g} %, "
                   f"scatter {100 * value.std(ddof=1):.2g} %, mean {100 * (value.mean() - 1):+.1g} %", flush=True)
+    judged(n)
 
 
 if __name__ == "__main__":

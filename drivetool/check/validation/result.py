@@ -21,7 +21,9 @@ class ValidateOptions:
     segment          length [s] of the free runs; 0: one per uninterrupted stretch of record
     seed             of the draws behind p-values and the fit that noise leaves possible
     start            what is known of the state in which every recording begins
-    criterion        simulation of the motion, or inverse: the torque that the motion asks for
+    criterion        simulation of the motion; inverse: the torque that the motion asks for; coast-down: the motion
+                     of run-downs without torque
+    flux_decay       coast-down: time after switching off that is left out [s]
     """
 
     min_fit: float | None = None
@@ -29,7 +31,8 @@ class ValidateOptions:
     segment: float = 0.0
     seed: int = 1
     start: Start = field(default_factory=Start)
-    criterion: Literal["simulation", "inverse"] = "simulation"
+    criterion: Literal["simulation", "inverse", "coast-down"] = "simulation"
+    flux_decay: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,10 @@ class RecordCheck:
     measured_start_fit_percent, measured_start_rmse  of the free run from the state that the first samples show;
                             None for segments, which begin in any motion
     rmse_percent            by inverse dynamics: rmse over the root mean square of the torque
+    rmse_counts             of an angle by counts: rmse over count/sqrt(12), which is 1 if counts alone are left
+    nrmse_mean              of a run-down's speed: rmse over its mean
+    sensor_rmse             of a run-down: rmse that the sensor alone leaves, in the unit of `output`
+    parameters_rmse         of a run-down: rmse that the uncertainty of the parameters makes; None: it is not known
     """
 
     model: str
@@ -75,6 +82,10 @@ class RecordCheck:
     measured_start_fit_percent: float | None = None
     measured_start_rmse: float | None = None
     rmse_percent: float | None = None
+    rmse_counts: float | None = None
+    nrmse_mean: float | None = None
+    sensor_rmse: float | None = None
+    parameters_rmse: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,19 @@ from scipy.optimize import nnls
 
 from drivetool.drive.chain import AT, Drive, one_body, shared
 from drivetool.errors import BadOption
-from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit
-from drivetool.identify.coast_down.readings import reading_of
+from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.report import (
+    Spread,
     between_runs,
     exhibits,
+    figures,
     findings,
     outcome,
+    ratio_covariance,
     ratio_lines,
     untold,
 )
+from drivetool.identify.coast_down.stages import Joint, in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
@@ -65,13 +68,14 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
     stretches = stretches_of(experiments, options.flux_decay or 0.0)
-    runs = [_run(experiments[s.recording], s) for s in stretches]
+    runs = [run_of(experiments[s.recording], s) for s in stretches]
     several = len(drive.bodies) > 1
     rigid = rigid_of(drive, replace(options, free=())) if several else None
     names = dict(rigid.names) if rigid else {n: n for n in (INERTIA, *FRICTION)}
-    if several and options.free:
-        raise BadOption("no --free for a coast-down of several bodies", f"--free {options.free[0]}",
-                        "They run down as one: fit further laws with --drive one-body.")
+    if several and (options.free or options.stages):
+        raise BadOption("no --free and no --stages for a coast-down of several bodies",
+                        f"--free {options.free[0]}" if options.free else "--stages",
+                        "They run down as one: say --drive one-body.")
     held = {n for n, whole in names.items() if whole in options.hold}
     own = _one_body(drive, rigid, held) if rigid else drive
     both = len({_sign(r) for r in runs}) == 2
@@ -82,11 +86,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     free = [n for n in (INERTIA, *FRICTION) if n not in held and (n != FRICTION[2] or both)
             and (n != INERTIA or scale.known)]
     free += [n for n in options.free if n not in free and n != "all"]
-    tried = [fit(each, free, runs, prior) for each in _begun(start, free)]
-    fitted = min(tried, key=lambda f: f.unlikely)
-    spread = between_runs(start, free, runs, stretches, fitted)
-    if spread.changes:  # the residuals of all together have the differences in them
-        fitted = replace(fitted, covariance=fitted.white + spread.added)
+    fitted, spread = _fitted(start, free, runs, stretches, prior)
     values = dict(zip(free, map(float, fitted.values), strict=True))
     ended = start.with_values(values)
     lines = _lines(own, ended, free, fitted, scale, held, both)
@@ -94,13 +94,17 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     kept = {p.name: p.value for p in lines if np.isfinite(p.value)}
     result = Estimate(
         step="steady", drive=own.with_values(kept), parameters=lines,
-        outcome=outcome(stretches, experiments, scale.by), fit=_figures(fitted, stretches),
+        outcome=outcome(stretches, experiments, scale.by), fit=figures(fitted, stretches),
         covariance=_covariance(free, told, fitted),
-        details={"scale": list(scale.by), "spans": _listed(stretches, experiments),
-                 "sensor": _sensor(fitted)},
+        details={"scale": list(scale.by), "spans": _listed(stretches, experiments), "sensor": _sensor(fitted)} | (
+            {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
         findings=tuple(findings(fitted, stretches, experiments, scale.by, spread)),
         data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
         ratios=ratio_lines(ended, free, fitted))
+    if options.stages:
+        joint = Joint(experiments, stretches, runs, tuple(_begun(start, free)), ended, fitted, prior,
+                      own.values if scale.known else {})
+        return in_stages(result, joint, options.stages)
     if rigid is None:
         return result
     if scale.known:
@@ -109,17 +113,19 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     return replace(result, drive=drive, parameters=lines)
 
 
+def _fitted(start: Drive, free: Sequence[str], runs: Sequence[Run], stretches: Sequence[Stretch],
+            prior: Prior) -> tuple[Fitted, Spread]:
+    """The likeliest fit of all starts, its covariance with how run-downs differ, and how they do."""
+    fitted = min((fit(each, free, runs, prior) for each in _begun(start, free)), key=lambda f: f.unlikely)
+    spread = between_runs(start, free, runs, stretches, fitted)
+    if spread.changes:  # the residuals of all together have the differences in them
+        fitted = replace(fitted, covariance=fitted.white + spread.added)
+    return fitted, spread
+
+
 def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Covariance | None:
     """Of the parameters that have intervals."""
     return Covariance(tuple(free[i] for i in told), fitted.covariance[np.ix_(told, told)]) if told else None
-
-
-def _run(experiment: Experiment, stretch: Stretch) -> Run:
-    """A stretch as it is fitted."""
-    a, b = stretch.first, stretch.last
-    torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
-    return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,
-               experiment.offset + a * experiment.step)
 
 
 def _one_body(drive: Drive, rigid: Rigid, held: set[str]) -> Drive:
@@ -251,15 +257,6 @@ def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale:
                 continue
             lines.append(Parameter(name, value, unit, begun, std, (max(value - Z95 * std, low), value + Z95 * std)))
     return tuple(lines)
-
-
-def _figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
-    """Figures of the fit: the errors of the run-downs in the sensor's unit."""
-    raw = np.concatenate([e * r.std[r.known] for e, r in zip(fitted.by_run, fitted.readings, strict=True)])
-    about = np.concatenate([r.values[r.known] - r.values[r.known].mean() for r in fitted.readings])
-    return {"simulation_fit_percent": 100.0 * (1.0 - float(np.sqrt(np.mean(raw**2) / np.mean(about**2)))),
-            "one_step_fit_percent": None, "rmse": float(np.sqrt(np.mean(raw**2))), "n": len(raw),
-            "run_downs": sum(s.off for s in stretches), "chi2": fitted.chi_square, "chi2_dof": fitted.dof}
 
 
 def _sensor(fitted: Fitted) -> list[dict[str, float | str]]:

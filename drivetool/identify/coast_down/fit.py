@@ -12,15 +12,20 @@ from scipy.stats import chi2
 
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
-from drivetool.identify.coast_down.readings import Reading, placed, with_error
+from drivetool.identify.coast_down.readings import Reading, placed, reading_of, with_error
+from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, first_states, problem_of
+from drivetool.logs.experiment import Experiment
 
 ROUNDS = 12  # at most, in which counts are placed by the speed of the fit before
 SETTLED = 0.01  # of a standard deviation, by which the values may still move; of a count, the error of its edges
 BLOCKS = 30  # parts of the residuals, by whose sums their correlation is judged
 MOST = 60  # steps of the solver
 RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
+# Of an angle or a speed by the start state. Where friction brakes it is below the duration in seconds; where smooth
+# friction is far too steep near standstill it runs away, and is left out: the motion counts.
+RUNAWAY = 1e6
 GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
 
 
@@ -33,6 +38,14 @@ class Run:
     record: int
     name: str
     origin: float
+
+
+def run_of(experiment: Experiment, stretch: Stretch) -> Run:
+    """A stretch as it is fitted; raises BadRecording: too few counts."""
+    a, b = stretch.first, stretch.last
+    torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
+    return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,
+               experiment.offset + a * experiment.step)
 
 
 @dataclass(frozen=True)
@@ -91,6 +104,11 @@ class Fitted:
         return np.split(self.left, np.cumsum([len(r.known) for r in self.readings])[:-1])
 
     @property
+    def speeds(self) -> list[np.ndarray]:
+        """The speeds at the readings of each run."""
+        return np.split(self.speed, np.cumsum([len(r.known) for r in self.readings])[:-1])
+
+    @property
     def unlikely(self) -> float:
         """Minus twice the logarithm of the likelihood, but for a constant."""
         return self.chi_square + 2.0 * float(sum(np.log(r.std[r.known]).sum() for r in self.readings))
@@ -134,6 +152,13 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
                   float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
 
 
+def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(what the sensor of a run would show without its steps (n,), speed of the motor (n,)) from a start state."""
+    problem = _problem(drive, (), run, run.reading)
+    out, states = problem.plants(np.empty(0), False)[0].simulate(problem.traces[0], start, keep=True)[:2]
+    return out[:, 0], states[:, 0]
+
+
 def _roles(reading: Reading) -> Roles:
     return Roles(("motor_torque",), (reading.role,))
 
@@ -160,6 +185,9 @@ def _solved(problems: Sequence[Problem], readings: Sequence[Reading], values: np
             begin[own] = x[a:b]
             plant, at = p.plants(x[:k], True)[0], r.known
             out, slopes = plant.jacobian(p.traces[0], begin)
+            tame = np.all(np.abs(slopes[:, 0][:, plant.system.nq + own]) < RUNAWAY, axis=1) & np.all(
+                np.isfinite(slopes[:, 0]), axis=1)
+            slopes = np.where(tame[:, None, None], slopes, 0.0)
             weight = 1.0 / r.std[at]
             left.append((out[at, 0] - r.values[at]) * weight)
             block = np.zeros((len(at), ends[-1]))

@@ -54,9 +54,16 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Para
         if untold(name, free, fitted):
             continue
         found.append(Parameter(
-            f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia", value, _unit(drive, name), None, std,
+            ratio_name(name), value, ratio_unit(drive, name), None, std,
             (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
     return tuple(found)
+
+
+def ratio_covariance(drive: Drive, free: Sequence[str], fitted: Fitted) -> dict[str, object]:
+    """Names and covariance of what a fit without a scale tells: its inertia is one, its torques are ratios."""
+    told = [i for i, n in enumerate(free) if not untold(n, free, fitted)]
+    names = [ratio_name(n) if "{T}" in drive.quantity(n).unit else n for n in (free[i] for i in told)]
+    return {"names": names, "matrix": fitted.covariance[np.ix_(told, told)].tolist()}
 
 
 def untold(name: str, free: Sequence[str], fitted: Fitted) -> bool:
@@ -66,7 +73,12 @@ def untold(name: str, free: Sequence[str], fitted: Fitted) -> bool:
     return any(not fitted.std(n) < TELLS * abs(fitted.values[free.index(n)]) for n in law)
 
 
-def _unit(drive: Drive, name: str) -> str:
+def ratio_name(name: str) -> str:
+    """What a parameter over the inertia is called under derived."""
+    return f"{name.partition('.')[2].replace('@', '_in_')}_over_inertia"
+
+
+def ratio_unit(drive: Drive, name: str) -> str:
     """The unit of a parameter over that of the inertia."""
     unit = drive.quantity(name).unit
     return OVER_INERTIA[unit].replace("{q}", drive.motion_unit) if unit in OVER_INERTIA else \
@@ -111,6 +123,15 @@ def outcome(stretches: Sequence[Stretch], experiments: Sequence[Experiment], by:
     return f"{len(off)} run-down{'s' if len(off) > 1 else ''} without torque, {seconds:.4g} s; {scale}."
 
 
+def figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | int | None]:
+    """Figures of the fit: the errors of the run-downs in the sensor's unit."""
+    raw = np.concatenate([e * r.std[r.known] for e, r in zip(fitted.by_run, fitted.readings, strict=True)])
+    about = np.concatenate([r.values[r.known] - r.values[r.known].mean() for r in fitted.readings])
+    return {"simulation_fit_percent": 100.0 * (1.0 - float(np.sqrt(np.mean(raw**2) / np.mean(about**2)))),
+            "one_step_fit_percent": None, "rmse": float(np.sqrt(np.mean(raw**2))), "n": len(raw),
+            "run_downs": sum(s.off for s in stretches), "chi2": fitted.chi_square, "chi2_dof": fitted.dof}
+
+
 def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
              by: Sequence[str], spread: Spread) -> list[Finding]:
     """What a person should know of it."""
@@ -121,11 +142,7 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             "by one number run down alike, so only the ratios under derived have intervals.", {},
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
-    if any("motor_torque" not in experiments[s.recording].signals for s in stretches):
-        found.append(Finding(
-            "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
-            "where its speed has left the highest value.", {},
-            "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'."))
+    found += switched_off_assumed([experiments[s.recording] for s in stretches])
     if fitted.misfit < UNLIKELY:
         found.append(Finding(
             "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
@@ -141,6 +158,16 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             dict(spread.changes) | {"probability": spread.probability},
             "A machine that warms up loses friction: record when its temperature has settled, or note it too."))
     return found
+
+
+def switched_off_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
+    """That nobody logged when the torque ended, where that is so."""
+    if all("motor_torque" in e.signals for e in experiments):
+        return []
+    return [Finding(
+        "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
+        "where its speed has left the highest value.", {},
+        "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'.")]
 
 
 def exhibits(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: Fitted,

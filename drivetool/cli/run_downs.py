@@ -1,0 +1,57 @@
+"""`validate` on run-downs: records without a torque, models that may have ratios alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from drivetool.errors import BadOption, BadRecording
+
+if TYPE_CHECKING:
+    from drivetool.check.validation.result import ValidateOptions, Validation
+    from drivetool.cli.inputs import Opened
+    from drivetool.drive.chain import Drive
+    from drivetool.identify.estimate import Covariance
+
+COAST_DOWN = "coast-down"
+
+
+def judged_by(opened: Opened, options: ValidateOptions) -> ValidateOptions:
+    """The options, with what they leave to the records and the files.
+
+    A file of ratios to the inertia can only be judged by run-downs. A record without a torque is taken for one
+    where the files are of coast-downs; otherwise its torque may have been forgotten.
+
+    raises  BadRecording: no torque, and nobody speaks of a coast-down; BadOption: --flux-decay without one
+    """
+    from drivetool.files.ratios import flux_decay, of_coast_down, only_ratios
+
+    files = [source.file for source in opened.loaded.sources]
+    silent = next((e for e in opened.experiments if "motor_torque" not in e.signals), None)
+    if options.criterion == "simulation":
+        if any(map(only_ratios, files)) or (silent and all(map(of_coast_down, files))):
+            options = replace(options, criterion="coast-down")
+        elif silent:
+            raise BadRecording(
+                "role motor_torque for the drive's input", f"none in {silent.name}",
+                "Name its channel in the channel map; where the drive runs down without torque, say "
+                f"--criterion {COAST_DOWN}.", silent.signals)
+    if options.criterion != COAST_DOWN:
+        if options.flux_decay is not None:
+            raise BadOption(f"--criterion {COAST_DOWN} with --flux-decay", f"--criterion {options.criterion}",
+                            "Say so, or leave it out.")
+        return options
+    if options.flux_decay is None:  # what the fits left out is no part of their models
+        options = replace(options, flux_decay=max(map(flux_decay, files), default=0.0))
+    return options
+
+
+def on_run_downs(opened: Opened, drives: Sequence[Drive], options: ValidateOptions,
+                 fitted_on: Sequence[Sequence[str]], known: Sequence[Covariance | None]) -> Validation:
+    """The validation of every file on the run-downs of every record."""
+    from drivetool.check.validation.validate_run_down import validate_run_down
+    from drivetool.files.ratios import run_down_model
+
+    models = [run_down_model(*each) for each in zip(opened.loaded.sources, drives, known, strict=True)]
+    return validate_run_down(opened.experiments, models, options, fitted_on)

@@ -1,0 +1,178 @@
+"""A run-down fitted window by window, as published procedures do, and how far that is from fitting all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive.chain import Drive
+from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
+from drivetool.identify.coast_down.readings import AROUND
+from drivetool.identify.coast_down.report import exhibits, figures, ratio_lines
+from drivetool.identify.coast_down.stretches import Stretch
+from drivetool.identify.estimate import Estimate, Parameter
+from drivetool.identify.results import Z95
+from drivetool.logs.experiment import Experiment
+
+VISCOUS, COULOMB = "motor.viscous", "motor.coulomb"
+SECOND = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # what the second window fits
+THIRD = ("_speed",)  # what the last one does, at which such a surplus of friction begins
+FEWEST = 4 * AROUND  # readings of a window: counts are placed by those around them
+REASON = "a staged fit holds what later windows fit: what it errs by is no matter of noise"
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The fit of all at once, that a staged one is compared with.
+
+    begun  start values, one set per start of the fit; ended: where it ended
+    known  values that a person or a file gave, in the units of the drive; none where no scale is known
+    """
+
+    experiments: Sequence[Experiment]
+    stretches: Sequence[Stretch]
+    runs: Sequence[Run]
+    begun: tuple[Drive, ...]
+    ended: Drive
+    fitted: Fitted
+    prior: Prior
+    known: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One window: (high, low) of the speed, what it fits, and the runs cut to it."""
+
+    window: tuple[float, float]
+    free: tuple[str, ...]
+    runs: tuple[Run, ...]
+
+
+@dataclass(frozen=True)
+class Apart:
+    """A value by stages, and that of the joint fit with its standard deviation."""
+
+    staged: float
+    joint: float
+    std: float
+
+    @property
+    def in_std(self) -> float:
+        """The difference in standard deviations of the joint fit."""
+        return (self.staged - self.joint) / self.std
+
+
+def in_stages(estimate: Estimate, joint: Joint, windows: Sequence[tuple[float, float]]) -> Estimate:
+    """The estimate with values of a staged fit in the place of the joint ones.
+
+    Each window fits its parameters; those of earlier windows stay, those of later ones are at their start value,
+    zero where none is known. The values have no intervals; how far they are from the joint fit is a finding.
+
+    windows  (high, low) of the speed [motion unit/s], from fast to slow; where the drive runs is by the joint fit
+    raises   BadOption: a window has nothing to fit; NotEnoughData: one in which nothing runs down
+    """
+    stages = _stages(joint, windows)
+    held = {n: joint.known.get(n, 0.0) for stage in stages[1:] for n in stage.free if not n.endswith(THIRD)}
+    ended = min((_through(d.with_values(held), stages, joint.prior) for d in joint.begun), key=lambda e: e[1])[0]
+    whole = fit(ended, (), joint.runs, NOTHING)
+    lines = tuple(_by_stages(p, ended) if p.std is not None else p for p in estimate.parameters)
+    ratios = tuple(p.untold(REASON) for p in ratio_lines(ended, joint.fitted.names, joint.fitted))
+    apart = {old.name: Apart(new.value, old.value, old.std)
+             for old, new in zip((*estimate.parameters, *estimate.ratios), (*lines, *ratios), strict=True)
+             if old.std}
+    unit = f"{ended.motion_unit}/s"
+    details = {"stages": [{"from": s.window[0], "to": s.window[1], "unit": unit, "fitted": list(s.free),
+                           "readings": sum(len(r.reading.known) for r in s.runs)} for s in stages],
+               "joint_fit": {name: {"value": a.joint, "std": a.std, "difference_in_std": a.in_std}
+                             for name, a in apart.items()}}
+    return replace(
+        estimate, drive=estimate.drive.with_values({p.name: p.value for p in lines if np.isfinite(p.value)}),
+        parameters=lines, ratios=ratios, covariance=None,
+        # The chi-square of a wrong model is none: its errors have been taken for those of the encoder.
+        fit={k: v for k, v in figures(whole, joint.stretches).items() if not k.startswith("chi2")},
+        outcome=f"{estimate.outcome.rstrip('.')}; fitted in {len(stages)} stages.",
+        details={k: v for k, v in estimate.details.items() if k != "ratio_covariance"} | details,
+        findings=(*estimate.findings, _bias(apart, stages[0], held, joint.ended, unit)),
+        exhibits=exhibits(joint.experiments, joint.stretches, whole, ended))
+
+
+def _by_stages(line: Parameter, ended: Drive) -> Parameter:
+    """A parameter with its value by stages."""
+    value = ended.values[line.name]
+    return replace(line, value=value).untold(
+        REASON, "at-bound" if value in ended.quantity(line.name).bounds else "fitted")
+
+
+def _stages(joint: Joint, windows: Sequence[tuple[float, float]]) -> list[Stage]:
+    """What each window fits, and where it is in the recordings."""
+    names = joint.fitted.names
+    last = [n for n in names if n.endswith(THIRD)] if len(windows) > 2 else []
+    second = [n for n in names if n.endswith((*SECOND, *THIRD)) and n not in last]
+    groups = [[n for n in names if n not in second and n not in last], second, last][:len(windows)]
+    found = []
+    for k, (window, free) in enumerate(zip(windows, groups, strict=True)):
+        if not free:
+            raise BadOption(f"a parameter to fit in window {k + 1} of --stages", "none that is free",
+                            "Leave this window out; a third one is for --free motor.breakaway --free "
+                            "motor.breakaway_speed.")
+        found.append(Stage(window, tuple(free), _cut(joint, window, first=k == 0)))
+    return found
+
+
+def _cut(joint: Joint, window: tuple[float, float], first: bool) -> tuple[Run, ...]:
+    """The run-downs inside a window; the stretches under torque, which give the scale, count to the first."""
+    high, low = window
+    found: list[Run] = []
+    for run, s, reading, speed in zip(joint.runs, joint.stretches, joint.fitted.readings, joint.fitted.speeds,
+                                      strict=True):
+        if not s.off:
+            found += [run] if first else []
+            continue
+        inside = reading.known[(np.abs(speed) <= high) & (np.abs(speed) >= low)]
+        if len(inside) >= FEWEST:
+            found.append(run_of(joint.experiments[s.recording], replace(
+                s, first=s.first + int(inside[0]), last=s.first + int(inside[-1]) + 1)))
+    if all(r.torque.any() for r in found):
+        fast = np.concatenate([np.abs(w) for w, s in zip(joint.fitted.speeds, joint.stretches, strict=True)
+                               if s.off])
+        unit = f"{joint.ended.motion_unit}/s"
+        raise NotEnoughData(f"{FEWEST} readings of a run-down from {high:.4g} to {low:.4g} {unit}",
+                            f"run-downs from {fast.max():.4g} to {fast.min():.4g} {unit}",
+                            "Give windows after --stages in which the drive runs down.")
+    return tuple(found)
+
+
+def _through(drive: Drive, stages: Sequence[Stage], prior: Prior) -> tuple[Drive, float]:
+    """(where the stages end, minus twice the log likelihood of all of them)."""
+    unlikely = 0.0
+    for stage in stages:
+        found = fit(drive, stage.free, stage.runs, prior.of(stage.free))
+        drive = drive.with_values(dict(zip(stage.free, map(float, found.values), strict=True)))
+        unlikely += found.unlikely
+    return drive, unlikely
+
+
+def _bias(apart: Mapping[str, Apart], first: Stage, held: Mapping[str, float], ended: Drive,
+          unit: str) -> Finding:
+    """How far the values are from the joint fit, and why."""
+    told = ", ".join(f"{name} by {100.0 * (a.staged / a.joint - 1.0):+.3g} % ({_count(a.in_std)} of its standard "
+                     "deviations)" for name, a in apart.items() if a.joint)
+    why = ""
+    if COULOMB in held and ended.value(VISCOUS) and ended.value(COULOMB):
+        share = [ended.values[COULOMB] / (ended.values[VISCOUS] * w) for w in first.window if w]
+        at = f"at {held[COULOMB]:.4g} {ended.unit(COULOMB)}" if held[COULOMB] else "left out"
+        why = (f" Coulomb friction is {at} in the window from {first.window[0]:.4g} to {first.window[1]:.4g} "
+               f"{unit}, where by the joint fit it is {' to '.join(f'{s:.2f}' for s in share)} times the viscous "
+               "friction.")
+    return Finding(
+        "warning" if any(abs(a.in_std) > Z95 for a in apart.values()) else "note", "staged-fit",
+        f"The staged fit differs from the fit of all at once: {told or 'in nothing that is told'}.{why}",
+        {name: a.in_std for name, a in apart.items()}, "Leave out --stages for the joint fit.")
+
+
+def _count(away: float) -> str:
+    """A number of standard deviations in three digits."""
+    return f"{float(f'{away:.3g}'):+.0f}" if abs(away) >= 100.0 else f"{away:+.3g}"
