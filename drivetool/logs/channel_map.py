@@ -214,7 +214,7 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
 
 def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -> None:
     """Refuse a share of an unknown rated value, counts of an unknown encoder, and volts of what is no motor."""
-    if unit.si == "V" and role not in MOTORS:
+    if unit.si == "V" and role not in MOTORS and quantity(role) != "voltage":
         raise error(f"{role} in Nm or N", f"'{unit.text}'",
                     "Write what a volt stands for, for example `scale: 50, unit: Nm`.")
     if unit.dimension == RELATIVE and entry.rated is None and role not in MOTORS:

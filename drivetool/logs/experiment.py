@@ -170,6 +170,8 @@ class Experiment:
 
     def unit(self, role: str) -> str:
         """The unit of a role."""
+        if "voltage" in role or role.endswith("frequency"):
+            return "V" if "voltage" in role else "Hz"
         if role.endswith("torque"):
             return self.input_units.get(role, self.torque_unit)
         return self.motion_unit + ("/s" if role.endswith("speed") else "")

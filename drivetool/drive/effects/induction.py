@@ -110,3 +110,17 @@ def steady_torque(drive, amplitude: float, speed: float) -> float:
     stator, rotor = np.linalg.solve(flux_flow(drive, speed), [-amplitude, 0.0])
     mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
     return float(PHASES * drive.value("motor.pole_pairs") * mutual * np.imag(np.conj(rotor) * stator))
+
+
+def mean_torque(drive, voltage: np.ndarray, speed: np.ndarray, step: float) -> float:
+    """Mean torque [Nm] over a record that begins without flux, roughly: by the trapezoidal rule.
+
+    voltage  (n,) complex [V]; speed (n,) [rad/s]; step: sample interval [s]
+    """
+    flux, total = np.zeros(2, complex), 0.0
+    mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
+    for u, w in zip(voltage, speed, strict=True):
+        half = 0.5 * step * flux_flow(drive, w)
+        flux = np.linalg.solve(np.eye(2) - half, flux + half @ flux + [step * u, 0.0])
+        total += float(np.imag(np.conj(flux[1]) * flux[0]))
+    return PHASES * drive.value("motor.pole_pairs") * mutual * total / len(voltage)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from drivetool.drive.chain import AT, Drive, one_body, shared
+from drivetool.drive.effects.induction import FLUXES, VOLTAGES, mean_torque
 from drivetool.errors import BadOption
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit
 from drivetool.identify.coast_down.readings import reading_of
@@ -26,6 +27,7 @@ from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
 from drivetool.identify.steady_speeds.acceleration import Rigid, held_value, in_the_drive, rigid_of
+from drivetool.identify.supply import fed_by_voltages
 from drivetool.logs.experiment import Experiment, sources
 
 INERTIA = "motor.inertia"
@@ -33,6 +35,7 @@ FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 SURPLUS = (".breakaway", ".stribeck")  # of friction at low speed, each with a speed of its own
 SHARE = 0.3  # of the Coulomb friction, from which a surplus begins
 SPEEDS = (1.0, 5.0, 25.0)  # from which its speed begins, in units of the motion per second
+CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left
 PARTS = 40  # of a run-down, whose mean speeds give start values
 
 
@@ -57,14 +60,14 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     by a friction or an inertia that is held or comes with an interval from a parameter file.
 
     experiments  motor_angle or motor_speed; motor_torque where it was logged, else the drive is taken to run down
-                 from its highest speed on
+                 from its highest speed on. Of an induction motor the voltages of its supply will do
     drive        start values; what is held
-    options      flux_decay: time after switching off that is left out [s]
+    options      flux_decay: time after switching off that is left out [s]; None: as a known motor's flux asks for
     returns      Estimate of inertia, viscous and Coulomb friction, in both directions of the idle torque
     raises       NotEnoughData: nothing runs down without torque; BadRecording: too few counts; BadOption
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
-    stretches = stretches_of(experiments, options.flux_decay or 0.0)
+    stretches = stretches_of(experiments, flux_decay(drive) if options.flux_decay is None else options.flux_decay)
     runs = [_run(experiments[s.recording], s) for s in stretches]
     several = len(drive.bodies) > 1
     rigid = rigid_of(drive, replace(options, free=())) if several else None
@@ -109,6 +112,14 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     return replace(result, drive=drive, parameters=lines)
 
 
+def flux_decay(drive: Drive) -> float:
+    """Time after switching off until 5 % of the rotor's flux is left [s]; 0 where no motor is known."""
+    if not fed_by_voltages(drive):
+        return 0.0
+    side = 0.5 * drive.value("motor.leakage_inductance") + drive.value("motor.magnetizing_inductance")
+    return CONSTANTS * side / drive.value("motor.rotor_resistance")
+
+
 def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Covariance | None:
     """Of the parameters that have intervals."""
     return Covariance(tuple(free[i] for i in told), fitted.covariance[np.ix_(told, told)]) if told else None
@@ -117,9 +128,14 @@ def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Cov
 def _run(experiment: Experiment, stretch: Stretch) -> Run:
     """A stretch as it is fitted."""
     a, b = stretch.first, stretch.last
-    torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
-    return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,
-               experiment.offset + a * experiment.step)
+    inputs, start = np.zeros((b - a, 1)), {}
+    if not stretch.off:
+        roles = ("motor_torque", *(r for r in VOLTAGES if r in experiment.signals))
+        inputs = np.column_stack([experiment.signal(r, "the inertia")[a:b] for r in roles])
+        if len(roles) > 1 and any(first < a < last for first, last in experiment.segments):
+            start = dict.fromkeys(FLUXES, 0.0)  # it was just switched on
+    return Run(reading_of(experiment, a, b), inputs, experiment.number, experiment.name,
+               experiment.offset + a * experiment.step, start)
 
 
 def _one_body(drive: Drive, rigid: Rigid, held: set[str]) -> Drive:
@@ -141,12 +157,16 @@ def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[
 
 def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
     """What fixes the factor between accelerations and torques; no added inertia that is fitted itself."""
-    by = ["a stretch under torque"] if any(not s.off for s in stretches) else []
+    by = [_driven_by(drive)] if any(not s.off for s in stretches) else []
     added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n
              and n not in free]
     by += ["a known added inertia"] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
     return Scale((*by, *(f"{n} by its file" for n in prior.names)))
+
+
+def _driven_by(drive: Drive) -> str:
+    return "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
 
 
 def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
@@ -207,7 +227,7 @@ def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.
         if not s.off:
             speed, rate = _slopes(run)
             asked = float(np.mean(rate + rates[0] * speed + rates[1] * np.sign(speed)))
-            top, bottom = top + float(np.mean(run.torque)) * asked, bottom + asked**2
+            top, bottom = top + _mean_torque(run, drive) * asked, bottom + asked**2
     if top > 0.0:
         return top / bottom
     for n, rate in zip(FRICTION, rates, strict=False):
@@ -215,6 +235,16 @@ def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.
             return drive.value(n) / rate
     added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia")]
     return max(added, default=1.0) or 1.0
+
+
+def _mean_torque(run: Run, drive: Drive) -> float:
+    """The mean torque that acts in a run; of an induction motor by the speeds as they were measured."""
+    if run.inputs.shape[1] == 1:
+        return float(np.mean(run.inputs))
+    speed, _ = _slopes(run)
+    middle = np.linspace(0, len(run.inputs) - 1, len(speed))
+    return mean_torque(drive, run.inputs[:, 1] + 1j * run.inputs[:, 2],
+                       np.interp(np.arange(len(run.inputs)), middle, speed), run.reading.step)
 
 
 def _sign(run: Run) -> float:

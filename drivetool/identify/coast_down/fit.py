@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,10 +11,12 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.drive.simulate import Trace
 from drivetool.identify.coast_down.readings import Reading, placed, with_error
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, first_states, problem_of
+from drivetool.identify.supply import fed_by_voltages
 
 ROUNDS = 12  # at most, in which counts are placed by the speed of the fit before
 SETTLED = 0.01  # of a standard deviation, by which the values may still move; of a count, the error of its edges
@@ -26,13 +28,30 @@ GROUPS = 40  # of residuals over the speed, by whose means the law of the fricti
 
 @dataclass(frozen=True)
 class Run:
-    """A stretch to fit: what was measured, torque (n,) that acted, number and name of the recording."""
+    """A stretch to fit: what was measured, inputs (n, nu) that acted, number and name of the recording.
+
+    inputs of what is driven: motor torque, and the voltages of an induction motor; none where it is switched off
+    start  what is known of the state in which it begins
+    """
 
     reading: Reading
-    torque: np.ndarray
+    inputs: np.ndarray
     record: int
     name: str
     origin: float
+    start: Mapping[str, float]
+
+    @property
+    def roles(self) -> Roles:
+        """What acts, and what was measured."""
+        fed = self.inputs.shape[1] > 1
+        return Roles(("motor_torque", *(VOLTAGES if fed else ())), (self.reading.role,))
+
+    def driven(self, drive: Drive) -> Drive:
+        """The drive as it is here: an open stator has no torque."""
+        if self.inputs.shape[1] > 1 or not fed_by_voltages(drive):
+            return drive
+        return drive.with_values({"motor.magnetizing_inductance": 0.0})
 
 
 @dataclass(frozen=True)
@@ -113,8 +132,8 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
     for _ in range(ROUNDS):
         used, before = readings, values
         problems = [_problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
-        starts = starts or [first_states(drive, _roles(r), p.traces, free)[0]
-                            for p, r in zip(problems, used, strict=True)]
+        starts = starts or [first_states(run.driven(drive), run.roles, p.traces, free)[0]
+                            for p, run in zip(problems, runs, strict=True)]
         values, starts, rows, left = _solved(problems, used, values, starts, prior)
         speeds = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)[1][:, 0]
                   for p, s in zip(problems, starts, strict=True)]
@@ -134,13 +153,10 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
                   float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
 
 
-def _roles(reading: Reading) -> Roles:
-    return Roles(("motor_torque",), (reading.role,))
-
-
 def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
-    trace = Trace(run.torque[:, None], reading.values[:, None], reading.step, run.name, run.origin, run.record)
-    return problem_of(drive, free, _roles(reading), (trace,))
+    trace = Trace(run.inputs, reading.values[:, None], reading.step, run.name, run.origin, run.record,
+                  start=run.start)
+    return problem_of(run.driven(drive), free, run.roles, (trace,))
 
 
 def _solved(problems: Sequence[Problem], readings: Sequence[Reading], values: np.ndarray,
