@@ -86,6 +86,7 @@ EFFECT = Effect(
     source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "
            "eqs. (10)-(16), signs corrected; Krause 1986, Analysis of Electric Machinery",
     present=("magnetizing_inductance",),
+    odd=False,  # its field turns one way
 )
 
 
