@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.coasting import RPM, STEP, Motor, counts, motion, recording
-
 from drivetool.logs.experiment import Experiment
+from tests.coasting import RPM, STEP, Motor, counts, motion, recording
 
 ELECTRICAL = {"motor.stator_resistance": 60.5, "motor.rotor_resistance": 42.2, "motor.leakage_inductance": 0.66,
               "motor.magnetizing_inductance": 1.73}

@@ -52,7 +52,8 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
                 "Make torques of the inputs first, with as_torques and motor.torque_constant.")
     inputs = tuple(r for r in INPUTS if r in common and quantity(r) == "torque"
                    and (r != "motor2_torque" or "motor2" in drive.bodies))
-    inputs += tuple(r for r in induction.VOLTAGES if r in common)
+    if drive.value(f"{drive.bodies[0]}.magnetizing_inductance"):
+        inputs += tuple(r for r in induction.VOLTAGES if r in common)
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:
         raise BadRecording(

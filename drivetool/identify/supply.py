@@ -42,12 +42,13 @@ def as_stator_voltages(experiments: Sequence[Experiment], drive: Drive, off_too:
     found = [_vector(e, drive) for e in experiments]
     known = [(u[1:], u[:-1], e.step) for e, u in zip(experiments, found, strict=True) if u is not None]
     if not known:
-        return tuple(experiments), drive
+        return tuple(map(_in_frame_already, experiments)), drive
     frame = drive.values.get(FRAME)
     if frame is None:
-        frame = float(np.median(np.concatenate([_turns(*each) for each in known])))
-        drive = drive.with_values({FRAME: abs(frame)})
-    return tuple(e if u is None else _in_frame(e, u, abs(frame), off_too)
+        turns = np.median(np.concatenate([_turns(*each) for each in known]))
+        frame = float(f"{abs(turns):.10g}")  # as a file has it
+        drive = drive.with_values({FRAME: frame})
+    return tuple(_in_frame_already(e) if u is None else _in_frame(e, u, frame, off_too)
                  for e, u in zip(experiments, found, strict=True)), drive
 
 
@@ -65,7 +66,7 @@ def _vector(e: Experiment, drive: Drive) -> np.ndarray | None:
     if "motor_torque" in e.signals:
         raise BadRecording(f"either a torque or voltages of the motor in {e.name}",
                            f"motor_torque and {', '.join(there)}",
-                           "Leave one out of the channel map: an induction motor's torque follows from its voltages.")
+                           "Leave one out of the channel map: the torque follows from the voltages.")
     if set(PHASES) <= set(there):
         a, b = (e.signals[role] for role in PHASES)
         return a + 1j * (a + 2.0 * b) / np.sqrt(3.0)
@@ -86,18 +87,28 @@ def _in_frame(e: Experiment, vector: np.ndarray, frame: float, off_too: bool) ->
     if VOLTAGE in e.signals:  # the converter holds its amplitude and turns on
         step = 2.0 * np.pi * e.step * (e.signals.get(FREQUENCY, np.full(e.size, frame)) - frame)
         held = held * np.exp(0.5j * step) * np.sinc(0.5 * step / np.pi)
-    else:
-        held[:-1] = 0.5 * (held[1:] + held[:-1])
+    else:  # the mean until the next sample, unless it is switched between them
+        acts = np.abs(held) > ACTS * np.nanmax(np.abs(held))
+        both = acts[1:] & acts[:-1]
+        held[:-1] = np.where(both, 0.5 * (held[1:] + held[:-1]), held[:-1])
     signals = {role: values for role, values in e.signals.items() if role not in SUPPLY}
     signals |= {"motor_torque": np.zeros(e.size)} | dict(zip(VOLTAGES, (held.real, held.imag), strict=True))
     found = replace(e, signals=_fixed(signals))
     return found if off_too or VOLTAGE not in e.signals else _fed(found, np.abs(held) > 0.0)
 
 
+def _in_frame_already(e: Experiment) -> Experiment:
+    """The experiment, with a torque of zero beside voltages along the axes of a frame."""
+    if not set(VOLTAGES) <= set(e.signals) or "motor_torque" in e.signals:
+        return e
+    return replace(e, signals=_fixed(dict(e.signals) | {"motor_torque": np.zeros(e.size)}))
+
+
 def _fixed(signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Signals that cannot be written to."""
     for values in signals.values():
-        values.setflags(write=False)
+        if values.flags.writeable:
+            values.setflags(write=False)
     return dict(signals)
 
 

@@ -33,7 +33,7 @@ import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
 from drivetool.logs.condition import parse_step
-from drivetool.logs.roles import MOTORS, PATTERN, ROLES, ordered, quantity, role_of
+from drivetool.logs.roles import MOTORS, NAMES, ROLES, ordered, quantity, role_of
 from drivetool.logs.units import COUNTS, RELATIVE, Unit, parse_unit
 
 SCHEMA = "drivetool/channel-map/1"
@@ -96,7 +96,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 MAGNITUDE = "motor_torque"  # the one role that may be logged without its sign
-RoleName = Annotated[str, msgspec.Meta(pattern=PATTERN)]
+RoleName = Annotated[str, msgspec.Meta(pattern=NAMES)]
 
 
 class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

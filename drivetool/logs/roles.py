@@ -43,12 +43,15 @@ ROLES: Mapping[str, Role] = MappingProxyType({
     "motor2_speed": Role("speed", "sensor", "speed of the second motor"),
     "motor2_angle": Role("angle", "sensor", "angle of the second motor"),
     "supply_voltage": Role("voltage", "input", "root mean square of the voltage between two phases of an induction "
-                                               "motor's supply, zero where it is switched off"),
+                                               "motor's supply, zero where it is off"),
     "supply_frequency": Role("frequency", "input", "frequency of an induction motor's supply"),
     "motor_voltage_a": Role("voltage", "input", "voltage of the first phase of an induction motor, from its star "
                                                 "point"),
     "motor_voltage_b": Role("voltage", "input", "voltage of the second phase of an induction motor, from its star "
                                                 "point"),
+    "stator_voltage_d": Role("voltage", "input", "voltage of an induction motor along the first axis of a frame "
+                                                 "that turns at `motor.supply_frequency`, peak value of a phase"),
+    "stator_voltage_q": Role("voltage", "input", "the same along the second axis, a quarter turn ahead"),
     "table_speed": Role("speed", "sensor", "speed of a table, for a drive with a body `table`; in m/s it may be "
                                            "behind a motor in rad/s"),
     "table_angle": Role("angle", "sensor", "angle or position of the table"),
@@ -69,6 +72,8 @@ FURTHER: Mapping[str, Role] = MappingProxyType({
                    "torque in the shaft of that name, positive where it drives what is behind it"),
 })
 PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(FURTHER)})$"
+# Every name that a role can have: those of the table that the pattern does not fit are listed.
+NAMES = "|".join((PATTERN, *(f"^{name}$" for name in ROLES if not re.match(PATTERN, name))))
 
 
 def role_of(name: str) -> Role | None:

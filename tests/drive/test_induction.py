@@ -30,7 +30,8 @@ def simulated(drive, samples, voltage=PEAK, free=(), step=STEP, start=None):
     plant = plant_of(drive, Layout(tuple(free), ("motor_torque", *VOLTAGES), ("motor_speed",), step,
                                    gradient=bool(free)))
     vector = np.broadcast_to(voltage, samples)
-    trace = Trace(np.column_stack([np.zeros(samples), np.real(vector), np.imag(vector)]), np.zeros((samples, 1)), step)
+    inputs = np.column_stack([np.zeros(samples), np.real(vector), np.imag(vector)])
+    trace = Trace(inputs, np.zeros((samples, 1)), step)
     begin = np.zeros(plant.nx) if start is None else start
     if not free:
         return plant.outputs(trace, begin)[:, 0], None

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from drivetool.drive.chain import AT, Drive, one_body, shared
+from drivetool.drive.effects.induction import EFFECT as INDUCTION
 from drivetool.drive.effects.induction import FLUXES, VOLTAGES, mean_torque
 from drivetool.errors import BadOption
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit
@@ -280,7 +281,15 @@ def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale:
                                        reason="it hardly moves these run-downs"))
                 continue
             lines.append(Parameter(name, value, unit, begun, std, (max(value - Z95 * std, low), value + Z95 * std)))
-    return tuple(lines)
+    return (*lines, *_electrical(own))
+
+
+def _electrical(drive: Drive) -> list[Parameter]:
+    """The values of an induction motor that were taken as known."""
+    if not fed_by_voltages(drive):
+        return []
+    return [Parameter(n, drive.value(n), drive.unit(n), drive.values.get(n), status="held", reason="taken as known")
+            for n in (f"{drive.bodies[0]}.{suffix}" for suffix in INDUCTION.quantities)]
 
 
 def _figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | int | None]:

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.drive.simulate import Trace
+from drivetool.errors import BadRecording
 from drivetool.identify.coast_down.readings import Reading, placed, with_error
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, first_states, problem_of
@@ -23,6 +24,7 @@ SETTLED = 0.01  # of a standard deviation, by which the values may still move; o
 BLOCKS = 30  # parts of the residuals, by whose sums their correlation is judged
 MOST = 60  # steps of the solver
 RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
+LEAST = 0.9  # of the motion of a run that a fit follows: without a law it leaves a hundredth, by a wrong sign all
 GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
 
 
@@ -135,8 +137,11 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
         starts = starts or [first_states(run.driven(drive), run.roles, p.traces, free)[0]
                             for p, run in zip(problems, runs, strict=True)]
         values, starts, rows, left = _solved(problems, used, values, starts, prior)
-        speeds = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)[1][:, 0]
+        passes = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)
                   for p, s in zip(problems, starts, strict=True)]
+        for run, one in zip(runs, passes, strict=True):
+            _refuse_another(run, one[0][:, 0])
+        speeds = [one[1][:, 0] for one in passes]
         residuals = np.concatenate(left)
         covariance, white = _covariances(rows, residuals, len(free))
         std = np.sqrt(np.maximum(np.diag(white), 1e-300))
@@ -151,6 +156,19 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
     return Fitted(tuple(free), values, covariance, white, tuple(starts), tuple(used),
                   residuals, np.concatenate([w[r.known] for r, w in zip(used, speeds, strict=True)]),
                   float(residuals @ residuals), max(len(residuals) - rows.shape[1], 1))
+
+
+def _refuse_another(run: Run, simulated: np.ndarray) -> None:
+    """Refuse a run that goes another way than any inertia and friction let it go."""
+    r = run.reading
+    y = r.values[r.known]
+    followed = 1.0 - float(np.sqrt(np.mean((y - simulated[r.known]) ** 2)) / np.std(y))
+    if not followed > LEAST:
+        raise BadRecording(
+            f"a motion of {run.name} that some inertia and friction give",
+            f"{max(100.0 * followed, 0.0):.2g} % of it",
+            "Check the sign and scale of the torque; of an induction motor its pole pairs, resistances, "
+            "inductances and the voltage.")
 
 
 def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:

@@ -11,10 +11,11 @@ from scipy.stats import chi2
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
-from drivetool.identify.coast_down.stretches import Stretch
+from drivetool.identify.coast_down.stretches import Stretch, acting
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.results import Z95
 from drivetool.identify.steady_speeds.report import record_with
+from drivetool.identify.supply import supply_of
 from drivetool.logs.experiment import Experiment
 
 INERTIA = "motor.inertia"
@@ -121,15 +122,18 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             "by one number run down alike, so only the ratios under derived have intervals.", {},
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
-    if any("motor_torque" not in experiments[s.recording].signals for s in stretches):
+    if any(acting(experiments[s.recording]) is None for s in stretches):
         found.append(Finding(
             "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
             "where its speed has left the highest value.", {},
             "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'."))
+    or_else = ", or the motor's electrical values are others" if any(
+        supply_of(experiments[s.recording]) is not None for s in stretches if not s.off) else ""
     if fitted.misfit < UNLIKELY:
         found.append(Finding(
             "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
-            f"{fitted.misfit:.1g} by chance): the friction follows another law.", {"probability": fitted.misfit},
+            f"{fitted.misfit:.1g} by chance): the friction follows another law{or_else}.",
+            {"probability": fitted.misfit},
             "Look at the picture, and fit a further law: --free motor.drag, or --free motor.stribeck --free "
             "motor.stribeck_speed."))
     if spread.changes:
