@@ -28,7 +28,8 @@ from drivetool.logs.units import PERCENT, TABLE
 from drivetool.quantity import Quantity
 
 SHARED = 3  # commands with the same option, from which it is listed once for all of them
-OWNERS = {"body": "BODY", "shaft": "SHAFT", "path": "converter", "sensor": "sensor", "friction": "friction"}
+OWNERS = {"body": "BODY", "shaft": "SHAFT", "path": "converter", "sensor": "sensor", "friction": "friction",
+          "motor": "motor"}
 # Keys that mean the same in every file.
 EVERYWHERE = {"schema": "kind and version of the file", "tool": "program that wrote the file",
               "step": "step that wrote the file", "options": "options of that step",

@@ -142,11 +142,16 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequ
     return as_set(drive, job.set)
 
 
-def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = ()) -> tuple[Opened, Drive]:
-    """What was opened with inputs in A, V or % as torques, and the drive that knows by what constants."""
+def with_torques(opened: Opened, drive: Drive, free: Sequence[str] = (), off_too: bool = False,
+                 ) -> tuple[Opened, Drive]:
+    """What was opened with inputs in A, V or % as torques, and the drive that knows by what constants.
+
+    Of an induction motor with voltages of its supply in their frame; off_too: also where that is off.
+    """
+    from drivetool.identify.supply import as_stator_voltages
     from drivetool.identify.torque_constant import as_torques
 
-    experiments, drive = as_torques(opened.experiments, drive, free)
+    experiments, drive = as_stator_voltages(*as_torques(opened.experiments, drive, free), off_too)
     return replace(opened, experiments=experiments), drive
 
 

@@ -26,9 +26,10 @@ def judged_by(opened: Opened, options: ValidateOptions) -> ValidateOptions:
     raises  BadRecording: no torque, and nobody speaks of a coast-down; BadOption: --flux-decay without one
     """
     from drivetool.files.ratios import flux_decay, of_coast_down, only_ratios
+    from drivetool.identify.supply import SUPPLY
 
     files = [source.file for source in opened.loaded.sources]
-    silent = next((e for e in opened.experiments if "motor_torque" not in e.signals), None)
+    silent = next((e for e in opened.experiments if not {"motor_torque", *SUPPLY} & set(e.signals)), None)
     if options.criterion == "simulation":
         if any(map(only_ratios, files)) or (silent and all(map(of_coast_down, files))):
             options = replace(options, criterion="coast-down")
@@ -43,7 +44,7 @@ def judged_by(opened: Opened, options: ValidateOptions) -> ValidateOptions:
                             "Say so, or leave it out.")
         return options
     if options.flux_decay is None:  # what the fits left out is no part of their models
-        options = replace(options, flux_decay=max(map(flux_decay, files), default=0.0))
+        options = replace(options, flux_decay=max(map(flux_decay, files), default=0.0) or None)
     return options
 
 
@@ -52,6 +53,9 @@ def on_run_downs(opened: Opened, drives: Sequence[Drive], options: ValidateOptio
     """The validation of every file on the run-downs of every record."""
     from drivetool.check.validation.validate_run_down import validate_run_down
     from drivetool.files.ratios import run_down_model
+    from drivetool.identify.coast_down.estimator import flux_decay
 
+    if options.flux_decay is None:
+        options = replace(options, flux_decay=max(map(flux_decay, drives)))
     models = [run_down_model(*each) for each in zip(opened.loaded.sources, drives, known, strict=True)]
     return validate_run_down(opened.experiments, models, options, fitted_on)

@@ -87,7 +87,7 @@ def run(job: Job, estimator: Estimator, options: Options) -> int:
     opened = open_all(job)
     no_copies(opened.experiments)
     apart = differing(job, opened.experiments, drive_for(job, opened, free=options.free))
-    opened, drive = with_torques(opened, apart.drive, (*options.free, *apart.free))
+    opened, drive = with_torques(opened, apart.drive, (*options.free, *apart.free), job.step == "steady")
     with as_usage():
         for name in (*options.hold, *options.free):
             if name != "all":

@@ -80,7 +80,7 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
         raise BadOption(f"{other} or --gains", "both", "A closed loop is replayed by simulation.")
     opened = open_all(job)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
-    opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each])
+    opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each], False)
     models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
     validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
     used = _used(options) | {"gains": entry[0], "configuration": configuration}
@@ -89,11 +89,14 @@ def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str
     return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
 
 
-def _of_models(opened: Opened, drives: Sequence[Drive]) -> tuple[Opened, list[Drive]]:
-    """What was opened with inputs in A, V or % as torques, and the drives that know by what constants."""
+def _of_models(opened: Opened, drives: Sequence[Drive], off_too: bool) -> tuple[Opened, list[Drive]]:
+    """What was opened with inputs in A, V or % as torques, and the drives that know by what constants.
+
+    off_too  whether stretches in which an induction motor has no supply are kept
+    """
     from drivetool.identify.torque_constant import for_models
 
-    experiments, known = for_models(opened.experiments, drives)
+    experiments, known = for_models(opened.experiments, drives, off_too)
     return replace(opened, experiments=experiments), known
 
 
@@ -126,7 +129,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     options = judged_by(opened, options)
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
-    opened, drives = _of_models(opened, [found.drive for found in apart])
+    opened, drives = _of_models(opened, [found.drive for found in apart], options.criterion == COAST_DOWN)
     models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     options = replace(options, start=replace(start_of(job.start, models[0][1]), records=apart[0].starts))

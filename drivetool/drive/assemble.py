@@ -16,6 +16,7 @@ import numpy as np
 from drivetool.drive.chain import TOTALS, Drive, shared, shares
 from drivetool.drive.dual import Dual
 from drivetool.drive.effects import EFFECTS, torque_constant
+from drivetool.drive.effects.induction import FLUXES, VOLTAGES
 from drivetool.drive.shaft_rows import in_contact, lasting
 from drivetool.drive.system import System
 from drivetool.errors import BadParameters
@@ -76,6 +77,8 @@ class Assembly:
             self.states += ["converter", "converter.rate"][:self.lag_order("converter.order")]
         if self.filters_speed():
             self.states += ["motor_speed.filtered", "motor_speed.filtered.rate"][:self.lag_order("sensor.order")]
+        if self.fed_by_voltages():
+            self.states += FLUXES
         if layout.memory is not None:
             self.states.append("disturbance")
         self.nx, self.nu = len(self.states), len(layout.inputs)
@@ -165,6 +168,10 @@ class Assembly:
         """Whether the motor speed goes through a low-pass before it is logged."""
         return "motor_speed" in self.layout.outputs and "sensor.bandwidth" in self.acting
 
+    def fed_by_voltages(self) -> bool:
+        """Whether the motor's torque follows from the voltages at its stator."""
+        return self.acts(0, "magnetizing_inductance")
+
     def _turns(self) -> bool:
         """Whether a torque depends on the angle."""
         return any(effect.over_angle and f"{owner}.{suffix}" in self.acting
@@ -195,6 +202,7 @@ class Assembly:
             body: int = -1, shaft: int = -1, slides: bool = False) -> None:
         """Add a smooth law: a torque on a body, or one in a shaft that acts on both its ends.
 
+        body           index of a body; or of another state, whose rate it adds to
         first, second  its arguments over the state
         slides         whether it is friction, which acts while the body slides
         """
@@ -266,6 +274,8 @@ class Assembly:
         if "converter" not in self.states:
             self.torque(0, self.nx, torque_constant.gain(self, 0))
         for column, role in enumerate(self.layout.inputs[1:], self.nx + 1):
+            if role in VOLTAGES:
+                continue
             if role in self.drive.known_torques:
                 self.torque(self.drive.bodies.index(role.partition(".")[0]), column, -self.parameter(role))
                 continue

@@ -173,7 +173,7 @@ class Drive:
 # Every trial point of a fit is a drive of its own, of the same bodies and shafts.
 @cache
 def _effects(bodies: tuple[str, ...], shafts: tuple[str, ...]) -> tuple[tuple[Effect, str, int], ...]:
-    owners = {"body": bodies, "shaft": shafts, "path": ("converter",), "sensor": ("sensor",),
+    owners = {"body": bodies, "shaft": shafts, "motor": bodies[:1], "path": ("converter",), "sensor": ("sensor",),
               "friction": ("friction",)}
     return tuple((effect, owner, index) for effect in EFFECTS for index, owner in enumerate(owners[effect.of]))
 

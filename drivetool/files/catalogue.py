@@ -16,8 +16,8 @@ from drivetool.drive.effects import EFFECTS, Effect
 from drivetool.errors import BadOption, nearest
 
 Entry = Mapping[str, Any]
-_OWNERS = {"body": "every body", "shaft": "every shaft", "path": "the torque path", "sensor": "the speed sensor",
-           "friction": "all bodies"}
+_OWNERS = {"body": "every body", "shaft": "every shaft", "motor": "the motor", "path": "the torque path",
+           "sensor": "the speed sensor", "friction": "all bodies"}
 
 
 def catalogue(code: str | None = None) -> list[dict[str, Any]]:

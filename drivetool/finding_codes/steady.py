@@ -82,6 +82,11 @@ CODES = {
         NOTE,
         "Steady intervals at standstill are left out, since static friction takes any torque there.",
         "Nothing."),
+    "supply-off": Code(
+        NOTE,
+        "An induction motor's recording has stretches in which its supply is off. No voltage of the open stator is "
+        "known there, and they are left out.",
+        "Read the run-down with `steady --method coast-down`."),
     "switched-off-assumed": Code(
         NOTE,
         "No torque was logged. The drive is taken to run down without one from where its speed has left the "

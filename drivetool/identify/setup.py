@@ -12,13 +12,13 @@ import numpy as np
 from drivetool.drive.assemble import Assembly, Layout
 from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import Drive, shared
-from drivetool.drive.effects import load_step
+from drivetool.drive.effects import induction, load_step
 from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.recordings.by_record import as_recorded, differs
 from drivetool.logs.experiment import Experiment
-from drivetool.logs.roles import INPUTS
+from drivetool.logs.roles import INPUTS, quantity
 
 EVERY = -1  # in the place of a recording's number: those that are not named
 ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
@@ -50,7 +50,10 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
             raise BadRecording(f"one unit of torque for all roles of {e.name}", ", ".join(
                 f"{role} in {e.unit(role)}" for role in e.signals if role.endswith("torque")),
                 "Make torques of the inputs first, with as_torques and motor.torque_constant.")
-    inputs = tuple(r for r in INPUTS if r in common and (r != "motor2_torque" or "motor2" in drive.bodies))
+    inputs = tuple(r for r in INPUTS if r in common and quantity(r) == "torque"
+                   and (r != "motor2_torque" or "motor2" in drive.bodies))
+    if drive.value(f"{drive.bodies[0]}.magnetizing_inductance"):
+        inputs += tuple(r for r in induction.VOLTAGES if r in common)
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:
         raise BadRecording(
@@ -289,9 +292,19 @@ def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str],
         below /= ratio.v
     with_known(plain.states, trace, x)
     _set_angles(plain, roles, trace, x)
+    if plain.fed_by_voltages():
+        _set_fluxes(plain, roles, trace, x)
     if "converter" in plain.states:
         x[plain.states.index("converter")] = trace.inputs[0, 0]
     return x
+
+
+def _set_fluxes(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
+    """Set the fluxes to those that the first voltage would keep at that speed, unless they are known."""
+    voltage = [trace.inputs[0, roles.inputs.index(r)] if r in roles.inputs else 0.0 for r in induction.VOLTAGES]
+    steady = np.linalg.solve(induction.flux_flow(plain.drive, x[0]), [-complex(*voltage), 0.0])
+    for name, value in zip(induction.FLUXES, (p for flux in steady for p in (flux.real, flux.imag)), strict=True):
+        x[plain.states.index(name)] = trace.start.get(name, value)
 
 
 def with_known(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:

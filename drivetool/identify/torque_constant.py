@@ -9,6 +9,7 @@ from drivetool.drive.chain import AT, Drive, is_constant, shared
 from drivetool.drive.effects.torque_constant import NAME
 from drivetool.errors import BadOption, BadParameters, BadRecording
 from drivetool.identify.setup import Roles
+from drivetool.identify.supply import as_stator_voltages
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import MOTORS, quantity
 from drivetool.quantity import ELECTRIC
@@ -61,13 +62,13 @@ def as_torques(experiments: Sequence[Experiment], drive: Drive, free: Sequence[s
     return tuple(found), replace(drive, values=kept, constants=named)
 
 
-def for_models(experiments: Sequence[Experiment], drives: Sequence[Drive],
+def for_models(experiments: Sequence[Experiment], drives: Sequence[Drive], off_too: bool = False,
                ) -> tuple[tuple[Experiment, ...], list[Drive]]:
     """The same for several drives: the recordings by the constants of the first, which the others know."""
-    found, first = as_torques(experiments, drives[0])
+    found, first = as_stator_voltages(*as_torques(experiments, drives[0]), off_too)
     known = [first]
     for drive in drives[1:]:
-        other = as_torques(experiments, drive)[1]
+        other = as_stator_voltages(*as_torques(experiments, drive))[1]
         if other.torque_unit != first.torque_unit:
             raise BadParameters(f"models with torques in {first.torque_unit}, as the first has them",
                                 f"one in {other.torque_unit}", "Check them apart.")

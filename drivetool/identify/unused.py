@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.errors import Finding
 from drivetool.identify.setup import both_outputs, roles_of, sensors_of
 from drivetool.logs.experiment import Experiment
@@ -31,7 +32,7 @@ def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterio
 def _used_by_steady(experiments: Sequence[Experiment], drive: Drive) -> set[str]:
     """The torque and a motor's motion; of two bodies what is between them, and the motion behind it."""
     common = set.intersection(*(set(e.signals) for e in experiments))
-    used = {"motor_torque", *[r for r in AT_MOTOR if r in common][:1]}
+    used = {"motor_torque", *VOLTAGES, *[r for r in AT_MOTOR if r in common][:1]}
     if len(drive.bodies) == 2 and "shaft_torque" in common:
         used |= {"shaft_torque", *[r for r in ("load_speed", "load_angle") if r in common][:1]}
     return used

@@ -17,7 +17,7 @@ from drivetool.logs.convert import shared_units, to_signals
 from drivetool.logs.experiment import Experiment, Recording
 from drivetool.logs.parts import Cut, cut, restarted
 from drivetool.logs.read import read_recording
-from drivetool.logs.roles import INPUTS, quantity
+from drivetool.logs.roles import INPUTS, is_motion, quantity
 from drivetool.logs.samples.counts import made_of_counts
 from drivetool.logs.samples.speed_check import compare_speed_and_angle
 from drivetool.logs.samples.unmeasured import unmeasured
@@ -222,7 +222,7 @@ def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str, w
             still.append((role, float(seen[0])))
     constant = {role for role, _ in still}
     drives = {"motor_torque"} & set(signals)
-    motions = {role for role in signals if quantity(role) != "torque"}
+    motions = {role for role in signals if is_motion(role)}
     if not drives | motions:
         raise BadRecording(f"motor_torque or a motion in {log}", f"only {', '.join(signals)}",
                            "Name their channels in the channel map.")
@@ -232,4 +232,4 @@ def _constant(signals: Mapping[str, np.ndarray], inside: np.ndarray, log: str, w
                             "Check the channels; if they are right, record while the drive is excited.")
     return [Finding("warning", "constant-signal", f"{role} never changes{where}: {value:g} throughout.",
                     {"role": role, "value": value}, "Check that it is the right channel.")
-            for role, value in still]
+            for role, value in still if quantity(role) not in ("voltage", "frequency")]

@@ -33,7 +33,7 @@ import msgspec
 
 from drivetool.errors import BadOption, BadRecording, nearest
 from drivetool.logs.condition import parse_step
-from drivetool.logs.roles import MOTORS, PATTERN, ROLES, ordered, quantity, role_of
+from drivetool.logs.roles import MOTORS, NAMES, ROLES, ordered, quantity, role_of
 from drivetool.logs.units import COUNTS, RELATIVE, Unit, parse_unit
 
 SCHEMA = "drivetool/channel-map/1"
@@ -96,7 +96,7 @@ class RoleEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 MAGNITUDE = "motor_torque"  # the one role that may be logged without its sign
-RoleName = Annotated[str, msgspec.Meta(pattern=PATTERN)]
+RoleName = Annotated[str, msgspec.Meta(pattern=NAMES)]
 
 
 class ChannelMapFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -214,7 +214,7 @@ def _check_entry(role: str, entry: RoleEntry, name: str) -> None:
 
 def require_scale(role: str, unit: Unit, entry: RoleEntry, error=BadRecording) -> None:
     """Refuse a share of an unknown rated value, counts of an unknown encoder, and volts of what is no motor."""
-    if unit.si == "V" and role not in MOTORS:
+    if unit.si == "V" and role not in MOTORS and quantity(role) != "voltage":
         raise error(f"{role} in Nm or N", f"'{unit.text}'",
                     "Write what a volt stands for, for example `scale: 50, unit: Nm`.")
     if unit.dimension == RELATIVE and entry.rated is None and role not in MOTORS:

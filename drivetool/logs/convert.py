@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, require_scale
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.roles import MOTORS, ordered, quantity
+from drivetool.logs.roles import MOTORS, is_motion, ordered, quantity
 from drivetool.logs.samples.wrap import looks_unsigned, looks_wrapped, unwrap
 from drivetool.logs.units import COUNTS, PERCENT, RELATIVE, parse_unit
 from drivetool.quantity import ELECTRIC
@@ -147,7 +147,7 @@ def shared_units(signals: Mapping[str, Signal], log: str) -> Units:
         torques = others
     else:
         inputs = {}
-    motions = {role: s.si.removesuffix("/s") for role, s in signals.items() if quantity(role) != "torque"}
+    motions = {role: s.si.removesuffix("/s") for role, s in signals.items() if is_motion(role)}
     turning = {role: si for role, si in motions.items() if not role.startswith("table_")}
     for what, units in (("torque", torques), ("motion", turning)):
         if len(set(units.values())) > 1:

@@ -15,6 +15,7 @@ import numpy as np
 
 from drivetool.errors import BadOption, BadRecording, Finding
 from drivetool.logs.clocks.clock import LIKE_STEP
+from drivetool.logs.roles import quantity
 
 TorqueIs = Literal["command", "measurement", "unknown"]
 
@@ -170,6 +171,8 @@ class Experiment:
 
     def unit(self, role: str) -> str:
         """The unit of a role."""
+        if other := {"voltage": "V", "frequency": "Hz"}.get(quantity(role)):
+            return other
         if role.endswith("torque"):
             return self.input_units.get(role, self.torque_unit)
         return self.motion_unit + ("/s" if role.endswith("speed") else "")

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-Quantity = Literal["torque", "speed", "angle"]
+Quantity = Literal["torque", "speed", "angle", "voltage", "frequency"]
+MOTIONS = ("speed", "angle")
 Kind = Literal["input", "sensor", "reference"]
 
 
@@ -16,8 +17,8 @@ Kind = Literal["input", "sensor", "reference"]
 class Role:
     """What is measured or commanded there.
 
-    quantity  "torque" is Nm or N, of MOTORS also A, V or %; "speed" rad/s or m/s; "angle" rad or m.
-              Positive is forward
+    quantity  "torque" is Nm or N, of MOTORS also A, V or %; "speed" rad/s or m/s; "angle" rad or m;
+              "voltage" V; "frequency" Hz. Positive is forward
     kind      an input drives the model and stays until its next value; a sensor is compared with the model; a
               reference is what the loop is asked for
     meaning   in words
@@ -41,6 +42,16 @@ ROLES: Mapping[str, Role] = MappingProxyType({
     "motor2_torque": Role("torque", "input", "torque of a second motor, for a drive with a body `motor2`"),
     "motor2_speed": Role("speed", "sensor", "speed of the second motor"),
     "motor2_angle": Role("angle", "sensor", "angle of the second motor"),
+    "supply_voltage": Role("voltage", "input", "root mean square of the voltage between two phases of an induction "
+                                               "motor's supply, zero where it is off"),
+    "supply_frequency": Role("frequency", "input", "frequency of an induction motor's supply"),
+    "motor_voltage_a": Role("voltage", "input", "voltage of the first phase of an induction motor, from its star "
+                                                "point"),
+    "motor_voltage_b": Role("voltage", "input", "voltage of the second phase of an induction motor, from its star "
+                                                "point"),
+    "stator_voltage_d": Role("voltage", "input", "voltage of an induction motor along the first axis of a frame "
+                                                 "that turns at `motor.supply_frequency`, peak value of a phase"),
+    "stator_voltage_q": Role("voltage", "input", "the same along the second axis, a quarter turn ahead"),
     "table_speed": Role("speed", "sensor", "speed of a table, for a drive with a body `table`; in m/s it may be "
                                            "behind a motor in rad/s"),
     "table_angle": Role("angle", "sensor", "angle or position of the table"),
@@ -61,6 +72,8 @@ FURTHER: Mapping[str, Role] = MappingProxyType({
                    "torque in the shaft of that name, positive where it drives what is behind it"),
 })
 PATTERN = rf"^[A-Za-z][A-Za-z0-9_]*_({'|'.join(FURTHER)})$"
+# Every name that a role can have: those of the table that the pattern does not fit are listed.
+NAMES = "|".join((PATTERN, *(f"^{name}$" for name in ROLES if not re.match(PATTERN, name))))
 
 
 def role_of(name: str) -> Role | None:
@@ -75,6 +88,11 @@ def quantity(name: str) -> Quantity:
     found = role_of(name)
     assert found is not None
     return found.quantity
+
+
+def is_motion(name: str) -> bool:
+    """Whether a role is a speed or an angle."""
+    return quantity(name) in MOTIONS
 
 
 def ordered(names: Iterable[str]) -> list[str]:

@@ -27,6 +27,8 @@ TABLE: dict[str, tuple[str, str, float, tuple[str, ...]]] = {
     "kA": ("torque", "A", 1e3, ()),
     "V": ("torque", "V", 1.0, ("volt", "volts")),
     "mV": ("torque", "V", 1e-3, ()),
+    "kV": ("torque", "V", 1e3, ()),
+    "Hz": ("frequency", "Hz", 1.0, ("hertz",)),
     "rad": ("angle", "rad", 1.0, ("radian", "radians")),
     "mrad": ("angle", "rad", 1e-3, ()),
     "deg": ("angle", "rad", math.pi / 180, ("°", "degree", "degrees")),
@@ -58,7 +60,7 @@ class Unit:
     """A unit of measurement.
 
     text       as this project writes it
-    dimension  torque, angle, speed, time, relative (a share of a rated value) or counts (of an encoder)
+    dimension  torque, angle, speed, time, frequency, relative (a share of a rated value) or counts (of an encoder)
     si         the SI unit it converts to; factor: SI value of one unit
     """
 
@@ -90,7 +92,12 @@ _KNOWN |= {"N.m": _KNOWN["Nm"], "kN.m": _KNOWN["kNm"], "mN.m": _KNOWN["mNm"]}
 
 
 def units_for(dimension: str) -> tuple[str, ...]:
-    """The units a role of this dimension takes; a signal may also be a share of its rated value."""
+    """The units a role of this dimension takes; a signal may also be a share of its rated value.
+
+    A volt is listed under torque, since it may feed a motor; as a voltage it is one.
+    """
+    if dimension == "voltage":
+        return tuple(name for name, (kind, si, *_) in TABLE.items() if si == "V" or kind == RELATIVE)
     more = {"time": (), "angle": (RELATIVE, COUNTS)}.get(dimension, (RELATIVE,))
     return tuple(name for name, (kind, *_) in TABLE.items() if kind in (dimension, *more))
 
@@ -100,7 +107,7 @@ def parse_unit(text: str | None, dimension: str, where: str,
     """The unit behind a text.
 
     text       as written in the log or the channel map; None if there is none
-    dimension  what it must measure: torque, angle, speed or time
+    dimension  what it must measure: torque, angle, speed, voltage, frequency or time
     where      whose unit it is, for the message; error: the kind to raise
     returns    Unit of that dimension, or of dimension relative (not for time) or counts (of an angle)
     raises     `error`: missing, unknown or measuring something else; lists what is taken

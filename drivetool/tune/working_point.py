@@ -32,6 +32,7 @@ SIMULATED: Mapping[str, str] = MappingProxyType({
     "backlash": "the contact is closed; the simulation and the softened shaft have the gap"})
 LEFT_OUT: Mapping[str, str] = MappingProxyType({
     "torque-constant": "makes a torque of a logged current or voltage; the loop is in torques",
+    "induction-motor": "makes a torque of the supply's voltages; the loop is in torques",
     "torque-hold": "says how the torque was logged between two samples",
     "friction-drift": "fades while the drive warms up; the loop is that of the warm drive",
     "warm-up": "fades while the drive warms up; the loop is that of the warm drive",

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from drivetool.drive import chain
 from drivetool.drive.chain import three_mass, two_mass
 from drivetool.drive.effects import EFFECTS, imbalance
+from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.drive.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
 
 pytestmark = pytest.mark.usefixtures("code_for_any_size")
 EACH = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.code)
-OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
+OWNER = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction",
+         "motor": "motor"}
 OUTPUTS = ("motor_speed", "load_speed", "shaft_torque", "load_angle")
 EXAMPLES = settings(max_examples=25, deadline=None, derandomize=True)
 LAWS = pytest.mark.parametrize("law", ["inside", "always"])
@@ -52,16 +54,21 @@ SMOOTH = {
     "speed-filter": {"sensor.bandwidth": 500.0},
     "damping-in-gap": {"shaft.gap_damping": 1.5},
     "torque-constant": {"motor.torque_constant": 1.4},
+    "induction-motor": {"motor.magnetizing_inductance": 0.2, "motor.stator_resistance": 0.5,
+                        "motor.rotor_resistance": 0.3, "motor.leakage_inductance": 0.02, "motor.pole_pairs": 2.0,
+                        "motor.supply_frequency": 5.0},
 }
 
 
 def run(drive, torque, start=None, free=(), outputs=OUTPUTS):
     """(n, ny) outputs from a start (motor speed, load speed, twist)."""
-    plant = plant_of(drive, outputs, free)
+    fed = VOLTAGES if drive.value("motor.magnetizing_inductance") else ()
+    plant = plant_of(drive, outputs, free, more_inputs=fed)
     x = np.zeros(plant.system.nx)
     x[:3] = (0.0, 0.0, 0.0) if start is None else start
     torque = np.asarray(torque, float)
-    return plant.outputs(Trace(torque[:, None], np.zeros((len(torque), len(outputs))), STEP), x)
+    inputs = np.column_stack([torque, *(np.full(len(torque), 40.0) for _ in fed)])
+    return plant.outputs(Trace(inputs, np.zeros((len(torque), len(outputs))), STEP), x)
 
 
 def reversals(n=600):

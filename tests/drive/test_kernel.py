@@ -40,10 +40,10 @@ def drive_of(machine):
     return Drive("test", bodies, shafts, values, damping_law=machine.law)
 
 
-def plant_of(drive, outputs, free=(), step=STEP, load=False, **more):
+def plant_of(drive, outputs, free=(), step=STEP, load=False, more_inputs=(), **more):
     """A drive ready to run."""
     inputs = ("motor_torque", "load_torque") if load else ("motor_torque",)
-    layout = Layout(tuple(free), inputs, tuple(outputs), step, gradient=bool(free), **more)
+    layout = Layout(tuple(free), (*inputs, *more_inputs), tuple(outputs), step, gradient=bool(free), **more)
     return augment.plant_of(drive, layout)
 
 

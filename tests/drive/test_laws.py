@@ -17,7 +17,7 @@ from drivetool.drive.system import PARAMETERS
 from tests.drive.test_effects import OUTPUTS, base
 from tests.drive.test_kernel import plant_of
 
-POINT = 0.3, -0.7, 0.6, 1.0  # both arguments, time, side of the contact
+POINT = -0.3, -0.7, 0.6, 1.0  # both arguments, time, side of the contact
 
 
 @njit

@@ -339,6 +339,6 @@ def test_half_and_double_of_a_count_per_sample_as_its_error_is_wrong(monkeypatch
     monkeypatch.setattr("drivetool.identify.coast_down.readings.UNIFORM", factor / np.sqrt(12.0))
     e = run_down(1)
     begun = one_body().with_values({"motor.inertia": 1.0, "motor.viscous": 1.2, "motor.coulomb": 148.0})
-    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"),
-                        [fitting.Run(reading_of(e, 0, e.size), np.zeros(e.size), 0, "a", 0.0)], fitting.NOTHING)
+    run = fitting.Run(reading_of(e, 0, e.size), np.zeros((e.size, 1)), 0, "a", 0.0, {})
+    found = fitting.fit(begun, ("motor.viscous", "motor.coulomb"), [run], fitting.NOTHING)
     assert not 0.9 < found.chi_square / found.dof < 1.1 or found.readings[0].error > 1e-4

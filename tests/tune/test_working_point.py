@@ -210,7 +210,7 @@ EVERY = GEARED.with_values({"converter.dead_time": 1e-3})
 TO = {"order": 1.0, "damping": 0.3, "bandwidth": 50.0, "factor": 2.0, "ratio": 2.0, "dead_time": 4e-3,
       "interpolation": 0.5, "half_gap": 0.02, "hardening": 0.4, "hardening_twist": 0.02, "hardening_power": 1.0,
       "stiffness": 60.0, "stribeck_speed": 7.0, "stribeck_power": 1.5, "radius": 2.0, "clamped": 1.0,
-      "breakaway_speed": 7.0}
+      "breakaway_speed": 7.0, "pole_pairs": 2.0}
 # Present beside the one that changes, for what acts only where another does.
 BESIDE = {"carried-mass": {"load.carried_mass": 0.1},
           "speed-filter": {"sensor.bandwidth": 80.0, "sensor.order": 2.0},
@@ -218,7 +218,8 @@ BESIDE = {"carried-mass": {"load.carried_mass": 0.1},
           "breakaway": {"load.breakaway": 2.0, "load.breakaway_speed": 5.0},
           "hardening-stiffness": {"shaft.hardening": 0.3, "shaft.hardening_twist": 0.1, "load.coulomb": 2.0},
           "load-dependent-damping": {"load.coulomb": 2.0}}
-OWNERS = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
+OWNERS = {"body": "load", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction",
+          "motor": "motor"}
 PARAMETERS = [(effect, f"{OWNERS[effect.of]}.{suffix}") for effect in EFFECTS for suffix in effect.quantities]
 
 

@@ -19,6 +19,7 @@ from drivetool.drive.effects import (
     hardening,
     idle_torque,
     imbalance,
+    induction,
     inertia,
     interpolation,
     load_damping,
@@ -61,6 +62,7 @@ EFFECTS: tuple[Effect, ...] = (
     hardening.EFFECT,
     load_damping.EFFECT,
     speed_filter.EFFECT,
+    induction.EFFECT,
 )
 
 # The smooth laws by the names under which they are stamped; the kernel knows them by their place. Each gives its
@@ -75,6 +77,7 @@ LAW_TORQUES: Mapping[str, Callable] = {
     "load-step": load_step.torque,
     "hardening": hardening.torque,
     "load-damping": load_damping.torque,
+    "product": induction.torque,
 }
 
 __all__ = ["EFFECTS", "LAW_TORQUES", "Effect"]

@@ -17,11 +17,11 @@ class Effect:
     """A physical effect of a drive.
 
     code        name in lists and findings
-    of          what it belongs to: every body, every shaft, the torque path, the motor speed sensor, or
-                the friction of all bodies together
+    of          what it belongs to: every body, every shaft, the motor, the torque path, the motor speed sensor,
+                or the friction of all bodies together
     quantities  parameter suffix -> Quantity; `<owner>.<suffix>` is the parameter's name
     stamp       adds the law to the equations; called with the assembly and the owner's
-                index (0 for path, sensor and friction)
+                index (0 for motor, path, sensor and friction)
     law         the equation, in the words of the field
     needs       what a record must contain to show it
     source      literature
@@ -33,7 +33,7 @@ class Effect:
     """
 
     code: str
-    of: Literal["body", "shaft", "path", "sensor", "friction"]
+    of: Literal["body", "shaft", "motor", "path", "sensor", "friction"]
     quantities: Mapping[str, Quantity]
     stamp: Callable[[Assembly, int], None]
     law: str

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from drivetool.drive.chain import AT, Drive, one_body, shared
+from drivetool.drive.effects.induction import EFFECT as INDUCTION
+from drivetool.drive.effects.induction import mean_torque
 from drivetool.errors import BadOption
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.report import (
@@ -29,6 +31,7 @@ from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.options import Options
 from drivetool.identify.results import Z95
 from drivetool.identify.steady_speeds.acceleration import Rigid, held_value, in_the_drive, rigid_of
+from drivetool.identify.supply import fed_by_voltages
 from drivetool.logs.experiment import Experiment, sources
 
 INERTIA = "motor.inertia"
@@ -36,6 +39,7 @@ FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
 SURPLUS = (".breakaway", ".stribeck")  # of friction at low speed, each with a speed of its own
 SHARE = 0.3  # of the Coulomb friction, from which a surplus begins
 SPEEDS = (1.0, 5.0, 25.0)  # from which its speed begins, in units of the motion per second
+CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left
 PARTS = 40  # of a run-down, whose mean speeds give start values
 
 
@@ -60,14 +64,14 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     by a friction or an inertia that is held or comes with an interval from a parameter file.
 
     experiments  motor_angle or motor_speed; motor_torque where it was logged, else the drive is taken to run down
-                 from its highest speed on
+                 from its highest speed on. Of an induction motor the voltages of its supply will do
     drive        start values; what is held
-    options      flux_decay: time after switching off that is left out [s]
+    options      flux_decay: time after switching off that is left out [s]; None: as a known motor's flux asks for
     returns      Estimate of inertia, viscous and Coulomb friction, in both directions of the idle torque
     raises       NotEnoughData: nothing runs down without torque; BadRecording: too few counts; BadOption
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
-    stretches = stretches_of(experiments, options.flux_decay or 0.0)
+    stretches = stretches_of(experiments, flux_decay(drive) if options.flux_decay is None else options.flux_decay)
     runs = [run_of(experiments[s.recording], s) for s in stretches]
     several = len(drive.bodies) > 1
     rigid = rigid_of(drive, replace(options, free=())) if several else None
@@ -123,6 +127,14 @@ def _fitted(start: Drive, free: Sequence[str], runs: Sequence[Run], stretches: S
     return fitted, spread
 
 
+def flux_decay(drive: Drive) -> float:
+    """Time after switching off until 5 % of the rotor's flux is left [s]; 0 where no motor is known."""
+    if not fed_by_voltages(drive):
+        return 0.0
+    side = 0.5 * drive.value("motor.leakage_inductance") + drive.value("motor.magnetizing_inductance")
+    return CONSTANTS * side / drive.value("motor.rotor_resistance")
+
+
 def _covariance(free: Sequence[str], told: Sequence[int], fitted: Fitted) -> Covariance | None:
     """Of the parameters that have intervals."""
     return Covariance(tuple(free[i] for i in told), fitted.covariance[np.ix_(told, told)]) if told else None
@@ -147,12 +159,16 @@ def _prior(drive: Drive, known: Covariance | None, held: set[str], own: Mapping[
 
 def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Prior, free: Sequence[str]) -> Scale:
     """What fixes the factor between accelerations and torques; no added inertia that is fitted itself."""
-    by = ["a stretch under torque"] if any(not s.off for s in stretches) else []
+    by = [_driven_by(drive)] if any(not s.off for s in stretches) else []
     added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n
              and n not in free]
     by += ["a known added inertia"] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
     return Scale((*by, *(f"{n} by its file" for n in prior.names)))
+
+
+def _driven_by(drive: Drive) -> str:
+    return "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
 
 
 def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
@@ -213,7 +229,7 @@ def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.
         if not s.off:
             speed, rate = _slopes(run)
             asked = float(np.mean(rate + rates[0] * speed + rates[1] * np.sign(speed)))
-            top, bottom = top + float(np.mean(run.torque)) * asked, bottom + asked**2
+            top, bottom = top + _mean_torque(run, drive) * asked, bottom + asked**2
     if top > 0.0:
         return top / bottom
     for n, rate in zip(FRICTION, rates, strict=False):
@@ -221,6 +237,16 @@ def _first_inertia(runs: Sequence[Run], stretches: Sequence[Stretch], rates: np.
             return drive.value(n) / rate
     added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia")]
     return max(added, default=1.0) or 1.0
+
+
+def _mean_torque(run: Run, drive: Drive) -> float:
+    """The mean torque that acts in a run; of an induction motor by the speeds as they were measured."""
+    if run.inputs.shape[1] == 1:
+        return float(np.mean(run.inputs))
+    speed, _ = _slopes(run)
+    middle = np.linspace(0, len(run.inputs) - 1, len(speed))
+    return mean_torque(drive, run.inputs[:, 1] + 1j * run.inputs[:, 2],
+                       np.interp(np.arange(len(run.inputs)), middle, speed), run.reading.step)
 
 
 def _sign(run: Run) -> float:
@@ -256,7 +282,15 @@ def _lines(own: Drive, ended: Drive, free: Sequence[str], fitted: Fitted, scale:
                                        reason="it hardly moves these run-downs"))
                 continue
             lines.append(Parameter(name, value, unit, begun, std, (max(value - Z95 * std, low), value + Z95 * std)))
-    return tuple(lines)
+    return (*lines, *_electrical(own))
+
+
+def _electrical(drive: Drive) -> list[Parameter]:
+    """The values of an induction motor that were taken as known."""
+    if not fed_by_voltages(drive):
+        return []
+    return [Parameter(n, drive.value(n), drive.unit(n), drive.values.get(n), status="held", reason="taken as known")
+            for n in (f"{drive.bodies[0]}.{suffix}" for suffix in INDUCTION.quantities)]
 
 
 def _sensor(fitted: Fitted) -> list[dict[str, float | str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,11 +11,14 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from drivetool.drive.chain import Drive
+from drivetool.drive.effects.induction import FLUXES, VOLTAGES
 from drivetool.drive.simulate import Trace
+from drivetool.errors import BadRecording
 from drivetool.identify.coast_down.readings import Reading, placed, reading_of, with_error
 from drivetool.identify.coast_down.stretches import Stretch
 from drivetool.identify.problem import Problem
 from drivetool.identify.setup import Roles, first_states, problem_of
+from drivetool.identify.supply import fed_by_voltages
 from drivetool.logs.experiment import Experiment
 
 ROUNDS = 12  # at most, in which counts are placed by the speed of the fit before
@@ -26,26 +29,49 @@ RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
 # Of an angle or a speed by the start state. Where friction brakes it is below the duration in seconds; where smooth
 # friction is far too steep near standstill it runs away, and is left out: the motion counts.
 RUNAWAY = 1e6
+LEAST = 0.9  # of the motion of a run that a fit follows: without a law it leaves a hundredth, by a wrong sign all
 GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
 
 
 @dataclass(frozen=True)
 class Run:
-    """A stretch to fit: what was measured, torque (n,) that acted, number and name of the recording."""
+    """A stretch to fit: what was measured, inputs (n, nu) that acted, number and name of the recording.
+
+    inputs of what is driven: motor torque, and the voltages of an induction motor; none where it is switched off
+    start  what is known of the state in which it begins
+    """
 
     reading: Reading
-    torque: np.ndarray
+    inputs: np.ndarray
     record: int
     name: str
     origin: float
+    start: Mapping[str, float]
+
+    @property
+    def roles(self) -> Roles:
+        """What acts, and what was measured."""
+        fed = self.inputs.shape[1] > 1
+        return Roles(("motor_torque", *(VOLTAGES if fed else ())), (self.reading.role,))
+
+    def driven(self, drive: Drive) -> Drive:
+        """The drive as it is here: an open stator has no torque."""
+        if self.inputs.shape[1] > 1 or not fed_by_voltages(drive):
+            return drive
+        return drive.with_values({"motor.magnetizing_inductance": 0.0})
 
 
 def run_of(experiment: Experiment, stretch: Stretch) -> Run:
     """A stretch as it is fitted; raises BadRecording: too few counts."""
     a, b = stretch.first, stretch.last
-    torque = np.zeros(b - a) if stretch.off else experiment.signal("motor_torque", "the inertia")[a:b]
-    return Run(reading_of(experiment, a, b), torque, experiment.number, experiment.name,
-               experiment.offset + a * experiment.step)
+    inputs, start = np.zeros((b - a, 1)), {}
+    if not stretch.off:
+        roles = ("motor_torque", *(r for r in VOLTAGES if r in experiment.signals))
+        inputs = np.column_stack([experiment.signal(r, "the inertia")[a:b] for r in roles])
+        if len(roles) > 1 and any(first < a < last for first, last in experiment.segments):
+            start = dict.fromkeys(FLUXES, 0.0)  # it was just switched on
+    return Run(reading_of(experiment, a, b), inputs, experiment.number, experiment.name,
+               experiment.offset + a * experiment.step, start)
 
 
 @dataclass(frozen=True)
@@ -131,11 +157,14 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
     for _ in range(ROUNDS):
         used, before = readings, values
         problems = [_problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
-        starts = starts or [first_states(drive, _roles(r), p.traces, free)[0]
-                            for p, r in zip(problems, used, strict=True)]
+        starts = starts or [first_states(run.driven(drive), run.roles, p.traces, free)[0]
+                            for p, run in zip(problems, runs, strict=True)]
         values, starts, rows, left = _solved(problems, used, values, starts, prior)
-        speeds = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)[1][:, 0]
+        passes = [p.plants(values, False)[0].simulate(p.traces[0], s, keep=True)
                   for p, s in zip(problems, starts, strict=True)]
+        for run, one in zip(runs, passes, strict=True):
+            _refuse_another(run, one[0][:, 0])
+        speeds = [one[1][:, 0] for one in passes]
         residuals = np.concatenate(left)
         covariance, white = _covariances(rows, residuals, len(free))
         std = np.sqrt(np.maximum(np.diag(white), 1e-300))
@@ -159,13 +188,23 @@ def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np
     return out[:, 0], states[:, 0]
 
 
-def _roles(reading: Reading) -> Roles:
-    return Roles(("motor_torque",), (reading.role,))
+def _refuse_another(run: Run, simulated: np.ndarray) -> None:
+    """Refuse a run that goes another way than any inertia and friction let it go."""
+    r = run.reading
+    y = r.values[r.known]
+    followed = 1.0 - float(np.sqrt(np.mean((y - simulated[r.known]) ** 2)) / np.std(y))
+    if not followed > LEAST:
+        raise BadRecording(
+            f"a motion of {run.name} that some inertia and friction give",
+            f"{max(100.0 * followed, 0.0):.2g} % of it",
+            "Check the sign and scale of the torque; of an induction motor its pole pairs, resistances, "
+            "inductances and the voltage.")
 
 
 def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
-    trace = Trace(run.torque[:, None], reading.values[:, None], reading.step, run.name, run.origin, run.record)
-    return problem_of(drive, free, _roles(reading), (trace,))
+    trace = Trace(run.inputs, reading.values[:, None], reading.step, run.name, run.origin, run.record,
+                  start=run.start)
+    return problem_of(run.driven(drive), free, run.roles, (trace,))
 
 
 def _solved(problems: Sequence[Problem], readings: Sequence[Reading], values: np.ndarray,

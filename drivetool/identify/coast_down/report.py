@@ -11,10 +11,11 @@ from scipy.stats import chi2
 from drivetool.drive.chain import Drive
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
-from drivetool.identify.coast_down.stretches import Stretch
+from drivetool.identify.coast_down.stretches import Stretch, acting
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.results import Z95
 from drivetool.identify.steady_speeds.report import record_with
+from drivetool.identify.supply import supply_of
 from drivetool.logs.experiment import Experiment
 
 INERTIA = "motor.inertia"
@@ -143,10 +144,13 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += switched_off_assumed([experiments[s.recording] for s in stretches])
+    or_else = ", or the motor's electrical values are others" if any(
+        supply_of(experiments[s.recording]) is not None for s in stretches if not s.off) else ""
     if fitted.misfit < UNLIKELY:
         found.append(Finding(
             "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
-            f"{fitted.misfit:.1g} by chance): the friction follows another law.", {"probability": fitted.misfit},
+            f"{fitted.misfit:.1g} by chance): the friction follows another law{or_else}.",
+            {"probability": fitted.misfit},
             "Look at the picture, and fit a further law: --free motor.drag, or --free motor.stribeck --free "
             "motor.stribeck_speed."))
     if spread.changes:
@@ -162,7 +166,7 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
 
 def switched_off_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
     """That nobody logged when the torque ended, where that is so."""
-    if all("motor_torque" in e.signals for e in experiments):
+    if all(acting(e) is not None for e in experiments):
         return []
     return [Finding(
         "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "

@@ -135,7 +135,7 @@ def _cut(joint: Joint, window: tuple[float, float], first: bool) -> tuple[Run, .
         if len(inside) >= FEWEST:
             found.append(run_of(joint.experiments[s.recording], replace(
                 s, first=s.first + int(inside[0]), last=s.first + int(inside[-1]) + 1)))
-    if all(r.torque.any() for r in found):
+    if all(r.inputs.any() for r in found):
         fast = np.concatenate([np.abs(w) for w, s in zip(joint.fitted.speeds, joint.stretches, strict=True)
                                if s.off])
         unit = f"{joint.ended.motion_unit}/s"

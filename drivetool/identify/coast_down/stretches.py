@@ -12,6 +12,7 @@ from drivetool.errors import NotEnoughData
 from drivetool.identify.setup import white_std
 from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.identify.steady_speeds.state import block_means
+from drivetool.identify.supply import supply_of
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.spikes import quantum
 
@@ -49,6 +50,12 @@ def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretc
     return found
 
 
+def acting(experiment: Experiment) -> np.ndarray | None:
+    """(n,) what drives the motor: the voltage of its supply, or its torque; None: neither was logged."""
+    supply = supply_of(experiment)
+    return experiment.signals.get("motor_torque") if supply is None else supply
+
+
 def run_downs(experiments: Sequence[Experiment]) -> list[Stretch]:
     """The stretches without torque in which the drive runs down."""
     return [s for i, e in enumerate(experiments) for s in _of_one(i, e, 0.0) if s.off and _moves(e, s)]
@@ -72,13 +79,13 @@ def _moves(experiment: Experiment, stretch: Stretch) -> bool:
 
 def _of_one(number: int, experiment: Experiment, decay: float) -> list[Stretch]:
     """The stretches of one recording."""
-    skip, logged = int(np.ceil(decay / experiment.step)), "motor_torque" in experiment.signals
+    skip, acts = int(np.ceil(decay / experiment.step)), acting(experiment)
     found: list[Stretch] = []
     for a, b in experiment.segments:
-        first = a if logged else _falls_from(experiment, a, b)
-        for begin, end, off in _runs(experiment.signals["motor_torque"][a:b] if logged else np.zeros(b - first)):
+        first = a if acts is not None else _falls_from(experiment, a, b)
+        for begin, end, off in _runs(np.zeros(b - first) if acts is None else acts[a:b]):
             # At the very beginning of a record with its torque nobody knows since when it has been off.
-            start = first + begin + (skip if off and (begin > 0 or not logged) else 0)
+            start = first + begin + (skip if off and (begin > 0 or acts is None) else 0)
             if first + end - start >= LEAST:
                 found.append(Stretch(number, start, first + end, off))
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.logs.clocks.clock import median_step
 from drivetool.logs.convert import Signal
-from drivetool.logs.roles import quantity
+from drivetool.logs.roles import is_motion, quantity
 from drivetool.logs.samples.speed_check import SURE
 
 # Longer records are looked at in their first part, coarser ones at this many points.
@@ -28,7 +28,7 @@ def clock_offsets(signals: Mapping[str, Signal], log: str) -> list[Finding]:
     findings = []
     # What is asked for comes before what happens, whatever the clock; a table is behind a ratio.
     motions = [role for role in signals
-               if quantity(role) != "torque" and not role.startswith(("table_", "reference_"))]
+               if is_motion(role) and not role.startswith(("table_", "reference_"))]
     seen: list[tuple[np.ndarray, np.ndarray]] = []
     for first, second in sorted(combinations(motions, 2), key=lambda pair: _body(pair[0]) != _body(pair[1])):
         a, b = signals[first], signals[second]

@@ -1,0 +1,128 @@
+"""An induction motor: its torque from the voltages at its stator, with the fluxes as states.
+
+Equations of the two-axis model in a frame that turns at a chosen frequency, as space vectors (peak values):
+p_s' = u - Rs i_s - j we p_s, p_r' = -Rr i_r - j (we - p w) p_r, T = 1.5 p Im(conj(p_s) i_s). In a frame at the
+frequency of the supply a steady voltage stands still, so that samples that are held miss nothing of it.
+
+The printed equations (11) and (13) of the source have the wrong sign before the terms in we: as printed, the
+fluxes run away.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drivetool.drive.effects.effect import Effect
+from drivetool.quantity import Quantity
+
+FLUXES = ("stator_flux_d", "stator_flux_q", "rotor_flux_d", "rotor_flux_q")
+VOLTAGES = ("stator_voltage_d", "stator_voltage_q")
+MOST_PAIRS = 12  # of poles, of motors that are built
+PHASES = 1.5  # power of three phases over that of their space vector of peak values
+
+
+def torque(a, b, time, side, p, out):
+    """p[0] a b: a torque of two fluxes, or a voltage that the turning rotor induces."""
+    out[0] = p[0, 0] * a * b
+    out[1], out[2], out[3] = p[0, 0] * b, p[0, 0] * a, a * b
+
+
+class Currents(NamedTuple):
+    """Factors of the currents: i_s = rotor p_s - mutual p_r, i_r = stator p_r - mutual p_s [1/H]."""
+
+    stator: object
+    rotor: object
+    mutual: object
+
+
+def currents(leakage, magnetizing) -> Currents:
+    """From the whole leakage inductance, of which stator and rotor have a half each, and the common one [H]."""
+    side = 0.5 * leakage + magnetizing
+    determinant = side * side - magnetizing * magnetizing
+    return Currents(side / determinant, side / determinant, magnetizing / determinant)
+
+
+def stamp(assembly, _motor):
+    """Four fluxes as states; the rotor's own voltage and the torque are products of two of them."""
+    if not assembly.fed_by_voltages():
+        return
+    own = {name: assembly.of_body(0, name) for name in EFFECT.quantities}
+    of = currents(own["leakage_inductance"], own["magnetizing_inductance"])
+    one, turning = assembly.number(1.0), 2.0 * np.pi * own["supply_frequency"]
+    stator, rotor = ([assembly.states.index(name) for name in names] for names in (FLUXES[:2], FLUXES[2:]))
+    for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
+        for row, partner, loss, self_factor in ((stator, rotor, own["stator_resistance"], of.rotor),
+                                                (rotor, stator, own["rotor_resistance"], of.stator)):
+            assembly.torque(row[axis], row[axis], -loss * self_factor)
+            assembly.torque(row[axis], partner[axis], loss * of.mutual)
+            assembly.torque(row[axis], row[other], sign * turning)
+        if VOLTAGES[axis] in assembly.layout.inputs:
+            assembly.torque(stator[axis], assembly.nx + assembly.layout.inputs.index(VOLTAGES[axis]), one)
+        speed, pairs = {assembly.speed(0): one}, own["pole_pairs"]
+        assembly.law("product", [-sign * pairs], speed, {rotor[other]: one}, body=rotor[axis])
+        strength = sign * PHASES * pairs * of.mutual
+        assembly.law("product", [strength], {stator[other]: one}, {rotor[axis]: one}, body=0)
+
+
+EFFECT = Effect(
+    code="induction-motor",
+    of="motor",
+    quantities={
+        "stator_resistance": Quantity("ohm", "resistance of a phase of the stator", (1e-6, 1e6), 1.0, 1.0),
+        "rotor_resistance": Quantity("ohm", "resistance of a phase of the rotor, seen from the stator",
+                                     (1e-6, 1e6), 1.0, 1.0),
+        "leakage_inductance": Quantity("H", "leakage inductance of stator and rotor together", (1e-9, 1e6), 0.01,
+                                       0.01),
+        "magnetizing_inductance": Quantity("H", "magnetizing inductance of a phase", (0.0, 1e6), 0.1, 0.0),
+        "pole_pairs": Quantity("", "pole pairs of the motor", (1.0, MOST_PAIRS), 1.0, 1.0,
+                               tuple(map(float, range(1, MOST_PAIRS + 1)))),
+        "supply_frequency": Quantity("Hz", "frequency of the frame that the voltages are given in",
+                                     (0.0, 1e4), 50.0, 0.0),
+    },
+    stamp=stamp,
+    law="T = 1.5 p Im(conj(p_s) i_s); p_s' = u - Rs i_s - j we p_s, p_r' = -Rr i_r - j (we - p w) p_r",
+    needs="the voltages at the stator, and a run-up",
+    source="Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data, "
+           "eqs. (10)-(16), signs corrected; Krause 1986, Analysis of Electric Machinery",
+    present=("magnetizing_inductance",),
+    odd=False,  # its field turns one way
+)
+
+
+def flux_flow(drive, speed: float) -> np.ndarray:
+    """(2, 2) complex: rates of stator and rotor flux over both, at a speed [rad/s], in the drive's frame.
+
+    raises  BadParameters: a value is missing
+    """
+    value = {name: drive.value(f"motor.{name}") for name in EFFECT.quantities}
+    of = currents(value["leakage_inductance"], value["magnetizing_inductance"])
+    frame = 2j * np.pi * value["supply_frequency"]
+    rs, rr = value["stator_resistance"], value["rotor_resistance"]
+    return np.array([[-rs * of.rotor - frame, rs * of.mutual],
+                     [rr * of.mutual, -rr * of.stator - frame + 1j * value["pole_pairs"] * speed]])
+
+
+def steady_torque(drive, amplitude: float, speed: float) -> float:
+    """Torque [Nm] at a constant speed [rad/s], at a phase voltage of that peak value [V] and the drive's frequency.
+
+    source  the solved flux equations; equal to that of the equivalent circuit
+    """
+    stator, rotor = np.linalg.solve(flux_flow(drive, speed), [-amplitude, 0.0])
+    mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
+    return float(PHASES * drive.value("motor.pole_pairs") * mutual * np.imag(np.conj(rotor) * stator))
+
+
+def mean_torque(drive, voltage: np.ndarray, speed: np.ndarray, step: float) -> float:
+    """Mean torque [Nm] over a record that begins without flux, roughly: by the trapezoidal rule.
+
+    voltage  (n,) complex [V]; speed (n,) [rad/s]; step: sample interval [s]
+    """
+    flux, total = np.zeros(2, complex), 0.0
+    mutual = currents(drive.value("motor.leakage_inductance"), drive.value("motor.magnetizing_inductance")).mutual
+    for u, w in zip(voltage, speed, strict=True):
+        half = 0.5 * step * flux_flow(drive, w)
+        flux = np.linalg.solve(np.eye(2) - half, flux + half @ flux + [step * u, 0.0])
+        total += float(np.imag(np.conj(flux[1]) * flux[0]))
+    return PHASES * drive.value("motor.pole_pairs") * mutual * total / len(voltage)

@@ -1,0 +1,111 @@
+"""Run-ups of an induction motor beside its run-down: the voltages of its supply fix the scale of the torques."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drivetool.drive.chain import one_body
+from drivetool.errors import BadRecording
+from drivetool.identify.coast_down.estimator import flux_decay
+from drivetool.identify.greybox import greybox
+from drivetool.identify.options import Options
+from drivetool.identify.steady import steady
+from drivetool.identify.supply import as_stator_voltages
+from tests.coasting import Motor
+from tests.induction import ELECTRICAL, Machine, switched
+
+HOW = Options(method="coast-down")
+TRUTH = {"motor.inertia": 8.7499e-5, "motor.viscous": 1.0791e-4, "motor.coulomb": 0.012998}
+KNOWN = one_body().with_values(ELECTRICAL)
+
+
+def fitted(*experiments, drive=KNOWN, options=HOW):
+    """The estimate of recordings of a supply."""
+    return steady(*as_stator_voltages(experiments, drive, off_too=True), options)
+
+
+def values(estimate):
+    """Name -> parameter."""
+    return {p.name: p for p in estimate.parameters}
+
+
+@pytest.mark.parametrize("phases", [False, True], ids=["voltage and frequency", "two phases"])
+def test_a_run_up_tells_inertia_and_friction(phases):
+    estimate = fitted(switched(1, phases=phases))
+    assert not estimate.findings
+    for name, truth in TRUTH.items():
+        p = values(estimate)[name]
+        assert abs(p.value - truth) < 4.0 * p.std and p.std < 2e-5 * truth
+    assert values(estimate)["motor.rotor_resistance"].reason == "taken as known"
+
+
+def test_two_pole_pairs_and_another_frequency():
+    machine = Machine(voltage=150.0, frequency=60.0, pairs=2, motor=Motor(inertia=2e-4))
+    estimate = fitted(switched(2, machine), drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
+    assert values(estimate)["motor.inertia"].value == pytest.approx(2e-4, rel=1e-4)
+    assert estimate.drive.value("motor.supply_frequency") == 60.0
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_a_voltage_that_is_wrong_by_one_per_cent_shows_as_two_in_the_inertia(factor):
+    e = switched(3)
+    e = replace(e, signals=dict(e.signals) | {"supply_voltage": factor * e.signals["supply_voltage"]})
+    assert values(fitted(e))["motor.inertia"].value / 8.7499e-5 == pytest.approx(factor**2, abs=3e-3)
+
+
+def test_another_resistance_is_said_and_another_number_of_poles_refused():
+    e = switched(4)
+    found = fitted(e, drive=KNOWN.with_values({"motor.rotor_resistance": 44.0}))
+    (said,) = [f for f in found.findings if f.code == "friction-law-incomplete"]
+    assert "electrical" in said.text
+    with pytest.raises(BadRecording, match="pole pairs"):
+        fitted(e, drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
+
+
+def test_the_flux_is_waited_for_by_itself():
+    assert flux_decay(KNOWN) == pytest.approx(3.0 * 2.06 / 42.2)
+    assert flux_decay(one_body()) == 0.0
+    e = switched(5)
+    spans = fitted(e).details["spans"]
+    assert spans[1]["start"] - spans[0]["end"] == pytest.approx(3.0 * 2.06 / 42.2, abs=1e-4)
+    told = fitted(e, options=replace(HOW, flux_decay=0.3)).details["spans"]
+    assert told[1]["start"] - told[0]["end"] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_record_that_begins_under_supply_finds_its_fluxes():
+    e = switched(6)
+    first = 4000  # 0.15 s after switching on
+    cut = replace(e, signals={k: v[first:] for k, v in e.signals.items()}, segments=((0, e.size - first),))
+    for name, truth in TRUTH.items():
+        p = values(fitted(cut))[name]
+        assert abs(p.value - truth) < 4.0 * p.std
+
+
+def test_what_is_no_supply_is_refused():
+    e = switched(7)
+    angle, voltage = e.signals["motor_angle"], e.signals["supply_voltage"]
+    for signals, wanted in (({"motor_voltage_a": voltage}, "motor_voltage_b"),
+                            ({"supply_voltage": voltage}, "frequency"),
+                            ({"supply_voltage": voltage, "motor_torque": voltage}, "either a torque or voltages")):
+        with pytest.raises(BadRecording, match=wanted):
+            fitted(replace(e, signals={"motor_angle": angle, **signals}))
+
+
+def test_a_drive_that_is_no_induction_motor_keeps_its_recordings():
+    e = switched(8)
+    assert as_stator_voltages((e,), one_body())[0] == (e,)
+
+
+@pytest.mark.slow  # a filter over 18 states
+def test_other_steps_take_the_run_up_and_say_what_they_leave_out():
+    e = switched(9).between(0.0, 0.3)
+    e = replace(e, signals=dict(e.signals) | {"supply_voltage": np.where(np.arange(e.size) < 5000,
+                                                                         e.signals["supply_voltage"], 0.0)})
+    (cut,), drive = as_stator_voltages((e,), KNOWN.with_values(TRUTH | {"motor.inertia": 8.5e-5,
+                                                                        "motor.idle_torque": 0.0}))
+    assert [f.code for f in cut.findings] == ["supply-off"]
+    estimate = greybox([cut], drive, Options(free=("motor.inertia",), hold=("motor.viscous", "motor.coulomb",
+                                                                            "motor.idle_torque")))
+    p = values(estimate)["motor.inertia"]
+    assert abs(p.value - 8.7499e-5) < 4.0 * p.std and p.std < 0.01 * 8.7499e-5
