@@ -1,56 +1,13 @@
-"""Run-downs of a motor without torque: its equation of motion, solved by a general solver, and what sensors see."""
+"""Run-downs of a motor without torque as experiments, for estimators that are called without files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from drivetool.logs.experiment import Experiment
+from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, driven, motion
 
-STEP, PULSES = 5e-5, 1000
-RPM = np.pi / 30.0
-
-
-@dataclass(frozen=True)
-class Motor:
-    """The motor of the coast-down reference, Table 5; surplus: breakaway less Coulomb torque."""
-
-    inertia: float = 8.7499e-5
-    viscous: float = 1.0791e-4
-    coulomb: float = 0.012998
-    drag: float = 0.0
-    surplus: float = 0.0
-    breakaway_speed: float = 0.02
-
-    def friction(self, w: float) -> float:
-        """Torque (18) at a speed, and the drag of the air."""
-        low, bell = self.breakaway_speed / 10.0, np.sqrt(2.0) * self.breakaway_speed
-        raised = np.sqrt(2.0 * np.e) * self.surplus * np.exp(-((w / bell) ** 2)) * w / bell
-        return raised + self.coulomb * np.tanh(w / low) + self.viscous * w + self.drag * w * abs(w)
-
-
-def motion(motor: Motor, torque: Callable[[float], float], speed: float, end: float, duration: float,
-           step: float = STEP) -> tuple[np.ndarray, np.ndarray]:
-    """(angle (n,), speed (n,)) from a speed on, until `end` or the duration is over."""
-    def rate(t: float, x: np.ndarray) -> list[float]:
-        return [x[1], (torque(t) - motor.friction(x[1])) / motor.inertia]
-
-    def there(t: float, x: np.ndarray) -> float:
-        return x[1] - end
-
-    there.terminal, there.direction = True, -1.0
-    found = solve_ivp(rate, (0.0, duration), [0.0, speed], "LSODA", dense_output=True,
-                      events=there if end else None, rtol=1e-11, atol=1e-11, max_step=0.01)
-    return tuple(found.sol(np.arange(0.0, found.t[-1], step)))
-
-
-def counts(angle: np.ndarray, seed: int, pulses: int = PULSES) -> np.ndarray:
-    """The angle as a counter has it, from anywhere between two pulses."""
-    width = 2.0 * np.pi / pulses
-    return np.floor((angle + np.random.default_rng(seed).uniform(0.0, width)) / width) * width
+__all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven", "driven_then_off", "motion", "recording", "run_down"]
 
 
 def recording(seed: int, name: str = "coast.parquet", step: float = STEP, **signals: np.ndarray) -> Experiment:
@@ -68,8 +25,5 @@ def run_down(seed: int, motor: Motor | None = None, fast: float = 2240 * RPM, en
 
 def driven_then_off(seed: int, scale: float = 1.0, torque: float = 0.06) -> Experiment:
     """Half a second under a constant torque from 100 rad/s, then off; scale: of the logged torque."""
-    up = motion(Motor(), lambda t: torque, 100.0, 0.0, 0.5)
-    down = motion(Motor(), lambda t: 0.0, float(up[1][-1]), 80 * RPM, 5.0)
-    angle = np.concatenate([up[0][:-1], up[0][-1] + down[0]])
-    logged = scale * torque * (np.arange(len(angle)) < len(up[0]) - 1)
-    return recording(seed, f"driven-{seed}.parquet", motor_torque=logged, motor_angle=counts(angle, seed))
+    logged, angle, _ = driven(Motor(), torque, 100.0, 80 * RPM)
+    return recording(seed, f"driven-{seed}.parquet", motor_torque=scale * logged, motor_angle=counts(angle, seed))

@@ -1,6 +1,6 @@
 """Write the fixtures: python -m tests.make_fixtures fixtures
 
-Records of three simulated machines as .parquet and .mcap, and what is true of them beside.
+Records of simulated machines as .parquet and .mcap, and what is true of them beside.
 The same bytes on every run. A `_holdout` twin is the same experiment with other seeds and levels.
 """
 
@@ -15,6 +15,8 @@ import numpy as np
 from tests import light_rigs
 from tests.light_rigs import TABLE
 from tests.simulator import experiments
+from tests.simulator.coasting import RPM, Motor, counts, driven, filtered, motion, numbers
+from tests.simulator.coasting import STEP as COAST_STEP
 from tests.simulator.controllers import PositionPD, SpeedPI
 from tests.simulator.machine import Machine, State, running
 from tests.simulator.papers import (
@@ -169,6 +171,48 @@ LIGHT_RECORDS = {
     "gap_holdout": lambda: light_gap(604, 110.0, (30.0, 90.0)),
 }
 
+# The motor of the coast-down reference. Counts are those of a 16-bit counter, at a rate that keeps the files small.
+COAST, DISC = Motor(), 5e-5
+COUNTER_STEP, COUNTER_RANGE = 2e-4, 65536
+CUT, EVERY = 600, 20  # samples: 30 ms, in which the filter does not yet know both sides; one in a millisecond
+
+
+def coast_counts(seed: int, added: float) -> tuple[Channels, float]:
+    """Run down from 2240 to 80 rpm without torque; added: inertia of a disc on the shaft."""
+    motor = replace(COAST, inertia=COAST.inertia + added)
+    angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 80 * RPM, 5.0, COUNTER_STEP)
+    return {"motor_angle": (np.mod(numbers(angle, seed) + 60_000, COUNTER_RANGE), "counts")}, COUNTER_STEP
+
+
+def coast_speed(seed: int) -> tuple[Channels, float]:
+    """Half a second under torque, then off; the speed as the reference filters it."""
+    torque, angle, _ = driven(COAST, 0.06, 100.0, 80 * RPM)
+    speed, kept = filtered(counts(angle, seed)), slice(CUT, -CUT, EVERY)
+    return {"motor_torque": (torque[kept], "Nm"), "motor_speed": (quantise(speed[kept], 1e-4), "rad/s")}, \
+        EVERY * COAST_STEP
+
+
+COASTING = {
+    "plain": lambda: coast_counts(701, 0.0),
+    "disc": lambda: coast_counts(702, DISC),
+    "speed": lambda: coast_speed(703),
+}
+COAST_TRUTH = f"""\
+# True values of the simulated motor; in disc.* its shaft carries a disc. Sampled every 0.2 ms, speed.* every 1 ms.
+schema: drivetool/parameters/1
+drive: {{name: one-body, bodies: [motor], shafts: []}}
+parameters:
+  motor.inertia: {{value: {COAST.inertia!r}, unit: kg m^2}}
+  motor.viscous: {{value: {COAST.viscous!r}, unit: Nm s/rad}}
+  motor.coulomb: {{value: {COAST.coulomb!r}, unit: Nm}}
+# added by the disc: {DISC!r} kg m^2
+"""
+COAST_MAP = f"""\
+schema: drivetool/channel-map/1
+roles:
+  motor_angle: {{channel: motor_angle, unit: counts, per_rev: 1000, wrap: {COUNTER_RANGE}}}
+"""
+
 # Records of the literature, as Parquet only: (channels, sample interval).
 PAPERS = {
     "robot": {
@@ -249,6 +293,19 @@ def make(folder: Path) -> None:
             if name in BOTH_FORMATS:
                 write_mcap(folder / room / f"{name}.mcap", values, step)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * step:g} s", file=sys.stderr)
+    make_coasting(folder / "coast")
+
+
+def make_coasting(folder: Path) -> None:
+    """Write the run-downs, what is true of them, and the channel map of the counter."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "truth.yaml").write_text(COAST_TRUTH)
+    (folder / "map.yaml").write_text(COAST_MAP)
+    for name, record in COASTING.items():
+        values, step = record()
+        write_parquet(folder / f"{name}.parquet", values, step)
+        write_mcap(folder / f"{name}.mcap", values, step)
+        print(f"{folder.name}/{name}: {len(next(iter(values.values()))[0]) * step:g} s", file=sys.stderr)
 
 
 if __name__ == "__main__":
