@@ -7,7 +7,7 @@ import numpy as np
 from drivetool.logs.experiment import Experiment
 from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, driven, motion
 
-__all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven", "driven_then_off", "motion", "recording", "run_down"]
+__all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven_then_off", "motion", "recording", "run_down"]
 
 
 def recording(seed: int, name: str = "coast.parquet", step: float = STEP, **signals: np.ndarray) -> Experiment:

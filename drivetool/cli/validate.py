@@ -111,13 +111,18 @@ def run(job: Job, options: ValidateOptions) -> int:
     from drivetool.check.validation.validate import validate
     from drivetool.check.validation.validate_torque import validate_torque
     from drivetool.files.result_file import validation_file
+    from drivetool.files.run_down_input import refuse_ratios, with_run_downs
     from drivetool.identify.unused import used_by
 
     opened = open_all(job)
+    records, off = with_run_downs(opened.experiments, opened.loaded)
+    opened = replace(opened, experiments=tuple(records))
     each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
     apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
     opened, drives = _of_models(opened, [found.drive for found in apart])
     models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
+    for one, (_, drive, _) in zip(each, models, strict=True):
+        refuse_ratios(one, drive, "a simulation")
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
     options = replace(options, start=replace(start_of(job.start, models[0][1]), records=apart[0].starts))
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
@@ -135,7 +140,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     taken = {role for _, drive, _ in models
              for role in used_by(job.step, opened.experiments, drive, options.criterion)}
     validation = replace(validation, options=noted(job, used, apart[0].words),
-                         findings=findings(opened, validation.findings, taken, models[0][1], job.step))
+                         findings=findings(opened, (*off, *validation.findings), taken, models[0][1], job.step))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
     if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]

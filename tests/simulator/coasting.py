@@ -49,7 +49,7 @@ def motion(motor: Motor, torque: Callable[[float], float], speed: float, end: fl
 
 def driven(motor: Motor, torque: float, speed: float, end: float, half: float = 0.5, step: float = STEP,
            ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(torque, angle, speed) (n,): under a constant torque from a speed on for `half` seconds, then off until `end`."""
+    """(torque, angle, speed) (n,): under a constant torque from a speed on for `half` s, then off to `end`."""
     up = motion(motor, lambda t: torque, speed, 0.0, half, step)
     down = motion(motor, lambda t: 0.0, float(up[1][-1]), end, 5.0, step)
     angle = np.concatenate([up[0][:-1], up[0][-1] + down[0]])

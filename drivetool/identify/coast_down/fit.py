@@ -21,6 +21,7 @@ SETTLED = 0.01  # of a standard deviation, by which the values may still move; o
 BLOCKS = 30  # parts of the residuals, by whose sums their correlation is judged
 MOST = 60  # steps of the solver
 RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
+PART = 1e-3  # of a direction that is rounding: what has more of a share in it is not known
 GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
 
 
@@ -74,6 +75,11 @@ class Fitted:
     dof: int
 
     @property
+    def found(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, map(float, self.values), strict=True))
+
+    @property
     def misfit(self) -> float:
         """Probability that chance makes the means of the residuals over the speed as large.
 
@@ -102,17 +108,18 @@ class Fitted:
 
 
 def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
-        prior: Prior) -> Fitted:
+        prior: Prior, rounds: int = ROUNDS) -> Fitted:
     """Fit parameters and the start states of all runs.
 
     drive  at its start values; free: names of the parameters that are fitted
     prior  what is known of them beforehand
+    rounds at most, in which counts are placed anew
     """
     values = np.array([drive.value(n) for n in free], float)
     starts, readings = None, [r.reading for r in runs]
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         used, before = readings, values
-        problems = [_problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
+        problems = [problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
         starts = starts or [first_states(drive, _roles(r), p.traces, free)[0]
                             for p, r in zip(problems, used, strict=True)]
         values, starts, rows, left = _solved(problems, used, values, starts, prior)
@@ -138,7 +145,8 @@ def _roles(reading: Reading) -> Roles:
     return Roles(("motor_torque",), (reading.role,))
 
 
-def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
+def problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
+    """One run, with what was read of it, as a problem of the free parameters."""
     trace = Trace(run.torque[:, None], reading.values[:, None], reading.step, run.name, run.origin, run.record)
     return problem_of(drive, free, _roles(reading), (trace,))
 
@@ -205,6 +213,8 @@ def _covariances(rows: np.ndarray, left: np.ndarray, k: int) -> tuple[np.ndarray
     size[mute] = 1.0
     scaled = rows / size
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=RANK, hermitian=True)
+    sizes, ways = np.linalg.eigh(scaled.T @ scaled)
+    mute |= np.abs(ways[:, sizes < RANK * sizes[-1]]).max(axis=1, initial=0.0) > PART
     edges = np.linspace(0, len(left), BLOCKS + 1).round().astype(int)
     sums = np.array([scaled[a:b].T @ left[a:b] for a, b in pairwise(edges)])
     told = scaled[len(left):]
