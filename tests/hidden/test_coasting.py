@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from tests.hidden.command import run
+from tests.places import FIXTURES
 from tests.simulator.coasting import RPM, Motor, driven, motion, numbers
 from tests.simulator.records import write_parquet
 
@@ -262,3 +263,19 @@ def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, k
     truth = label()["motor"] if known else label()["added"] / label()["motor"]
     assert abs(found["value"] - truth) < 3.0 * found["std"]
     assert found["std"] > 0.02 * truth
+
+
+@pytest.mark.parametrize("kind", ["mcap", "parquet"])
+def test_the_fixtures_tell_the_truth_in_both_formats(tmp_path, kind):
+    (tmp_path / "coast").symlink_to(FIXTURES / "coast")
+    stated = yaml.safe_load((FIXTURES / "coast/truth.yaml").read_text())["parameters"]
+    truth = {name: entry["value"] for name, entry in stated.items()}
+    disc, words = f"coast/disc.{kind}", ("--record", f"coast/disc.{kind}", "motor.added_inertia=5e-5")
+    counter = (f"coast/plain.{kind}", disc, *words, "--map", "coast/map.yaml")
+    for given in (counter, (f"coast/speed.{kind}",)):
+        done = run(tmp_path, ["steady", *given, *COAST, "--out", "out.yaml"])
+        assert done.returncode == 0, done.stderr
+        file = yaml.safe_load((tmp_path / "out.yaml").read_text())
+        for name, value in truth.items():
+            entry = file["parameters"][name]
+            assert abs(entry["value"] - value) < 3.0 * entry["std"] < 1e-3 * value, name

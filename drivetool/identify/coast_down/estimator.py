@@ -153,7 +153,7 @@ def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Pr
 
 def _judged(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: Fitted,
             first: tuple[Run, Fitted] | None) -> tuple[Fitted, Further | None]:
-    """(fit by which the friction is judged, the law that it lacks); of the first run-down alone where they differ."""
+    """(fit by which friction is judged, the law that it lacks); of the first run-down alone where they differ."""
     if first is not None:
         run, fitted = first
         ended, runs, prior = ended.with_values(fitted.found), [run], NOTHING
