@@ -1,11 +1,11 @@
-"""Run-downs of a motor without torque, as experiments."""
+"""Run-downs of a motor without torque as experiments, for estimators that are called without files."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from drivetool.logs.experiment import Experiment
-from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, motion
+from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, driven, motion
 
 __all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven_then_off", "motion", "recording", "run_down"]
 
@@ -25,8 +25,5 @@ def run_down(seed: int, motor: Motor | None = None, fast: float = 2240 * RPM, en
 
 def driven_then_off(seed: int, scale: float = 1.0, torque: float = 0.06) -> Experiment:
     """Half a second under a constant torque from 100 rad/s, then off; scale: of the logged torque."""
-    up = motion(Motor(), lambda t: torque, 100.0, 0.0, 0.5)
-    down = motion(Motor(), lambda t: 0.0, float(up[1][-1]), 80 * RPM, 5.0)
-    angle = np.concatenate([up[0][:-1], up[0][-1] + down[0]])
-    logged = scale * torque * (np.arange(len(angle)) < len(up[0]) - 1)
-    return recording(seed, f"driven-{seed}.parquet", motor_torque=logged, motor_angle=counts(angle, seed))
+    logged, angle, _ = driven(Motor(), torque, 100.0, 80 * RPM)
+    return recording(seed, f"driven-{seed}.parquet", motor_torque=scale * logged, motor_angle=counts(angle, seed))

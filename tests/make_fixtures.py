@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tests import light_rigs
+from tests import coast_fixtures, light_rigs
 from tests.light_rigs import TABLE
-from tests.simulator import coasting, experiments
+from tests.simulator import experiments
 from tests.simulator.controllers import PositionPD, SpeedPI
 from tests.simulator.machine import Machine, State, running
 from tests.simulator.papers import (
@@ -188,17 +188,6 @@ PAPERS = {
 }
 
 
-# Run-downs of the motor of the coast-down paper, from its no-load speed at a supply of so many Hz.
-COAST_HERTZ, NO_LOAD = (40, 45, 50, 55), 2240.0 / 40.0 * coasting.RPM
-
-
-def coast_counts(hertz: int) -> Channels:
-    """Counts of a run-down to 80 rpm, 1000 per turn."""
-    angle, _ = coasting.motion(coasting.Motor(), lambda t: 0.0, NO_LOAD * hertz, 80.0 * coasting.RPM, 5.0)
-    width = 2.0 * np.pi / coasting.PULSES
-    return {"motor_angle": (np.round(coasting.counts(angle, 700 + hertz) / width), "counts")}
-
-
 def channels(room: str, run: Trajectory) -> Channels:
     """What the logger wrote: the command, and the sensor."""
     if room == "axis":
@@ -227,31 +216,12 @@ def truth(machine: Machine, noise: Noise, torque_unit: str, motion_unit: str, se
     return "\n".join(lines)
 
 
-COAST_MAP = """schema: drivetool/channel-map/1
-roles:
-  motor_angle: {channel: motor_angle, unit: counts, per_rev: 1000}
-"""
 BOTH_FORMATS = ("held", "acceleration", "uphill", "downhill")
 TRUTHS = {
     "rig": (RIG, DRIVE_NOISE, "Nm", "rad", "motor_speed"),
     "reversing": (REVERSING, DRIVE_NOISE, "Nm", "rad", "motor_speed"),
     "axis": (AXIS, AXIS_NOISE, "N", "m", "motor_angle"),
 }
-
-
-def make_coast(folder: Path) -> None:
-    """Write the run-downs, what their counts mean, and what is true of the motor."""
-    folder.mkdir(parents=True, exist_ok=True)
-    motor = coasting.Motor()
-    (folder / "counts.yaml").write_text(COAST_MAP)
-    (folder / "truth.yaml").write_text(
-        "# True values of the simulated motor; counts begin anywhere between two pulses\nparameters:\n"
-        f"  motor.inertia: {{value: {motor.inertia!r}, unit: kg m^2}}\n"
-        f"  motor.viscous: {{value: {motor.viscous!r}, unit: Nm s/rad}}\n"
-        f"  motor.coulomb: {{value: {motor.coulomb!r}, unit: Nm}}\n")
-    for hertz in COAST_HERTZ:
-        write_parquet(folder / f"run{hertz}.parquet", coast_counts(hertz), coasting.STEP)
-        print(f"coast/run{hertz}", file=sys.stderr)
 
 
 def make(folder: Path) -> None:
@@ -279,7 +249,7 @@ def make(folder: Path) -> None:
             if name in BOTH_FORMATS:
                 write_mcap(folder / room / f"{name}.mcap", values, step)
             print(f"{room}/{name}: {len(values['motor_torque'][0]) * step:g} s", file=sys.stderr)
-    make_coast(folder / "coast")
+    coast_fixtures.make(folder / "coast")
 
 
 if __name__ == "__main__":

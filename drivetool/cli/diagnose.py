@@ -74,6 +74,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
     from drivetool.files.diagnosis_table import print_rule
     from drivetool.files.report_page import diagnosis_page
+    from drivetool.files.run_down_input import refuse_run_downs
     from drivetool.files.write import write_whole
     from drivetool.identify.unused import used_by
 
@@ -87,6 +88,7 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     opened, drive = with_torques(opened, apart.drive)
     training, holdout = opened.experiments[:split], opened.experiments[split:]
     check_holdout(training, holdout)
+    refuse_run_downs(opened.experiments)
     check_base(loaded, drive)
     options = replace(options, candidates=chosen_causes(options.candidates, drive))
     sections = loaded.sections(drive)

@@ -48,14 +48,20 @@ def judged_by(opened: Opened, options: ValidateOptions) -> ValidateOptions:
     return options
 
 
+def with_decay(options: ValidateOptions, drives: Sequence[Drive]) -> ValidateOptions:
+    """The options with the time that the flux of a known motor takes, where nobody said one."""
+    from drivetool.identify.coast_down.estimator import flux_decay
+
+    if options.criterion != COAST_DOWN or options.flux_decay is not None:
+        return options
+    return replace(options, flux_decay=max(map(flux_decay, drives)))
+
+
 def on_run_downs(opened: Opened, drives: Sequence[Drive], options: ValidateOptions,
                  fitted_on: Sequence[Sequence[str]], known: Sequence[Covariance | None]) -> Validation:
     """The validation of every file on the run-downs of every record."""
     from drivetool.check.validation.validate_run_down import validate_run_down
     from drivetool.files.ratios import run_down_model
-    from drivetool.identify.coast_down.estimator import flux_decay
 
-    if options.flux_decay is None:
-        options = replace(options, flux_decay=max(map(flux_decay, drives)))
     models = [run_down_model(*each) for each in zip(opened.loaded.sources, drives, known, strict=True)]
     return validate_run_down(opened.experiments, models, options, fitted_on)

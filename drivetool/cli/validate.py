@@ -121,7 +121,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validation.validate import validate
     from drivetool.check.validation.validate_torque import validate_torque
-    from drivetool.cli.run_downs import COAST_DOWN, judged_by, on_run_downs
+    from drivetool.cli.run_downs import COAST_DOWN, judged_by, on_run_downs, with_decay
     from drivetool.files.result_file import validation_file
     from drivetool.identify.unused import used_by
 
@@ -132,7 +132,8 @@ def run(job: Job, options: ValidateOptions) -> int:
     opened, drives = _of_models(opened, [found.drive for found in apart], options.criterion == COAST_DOWN)
     models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
     known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
-    options = replace(options, start=replace(start_of(job.start, models[0][1]), records=apart[0].starts))
+    options = with_decay(replace(options, start=replace(start_of(job.start, models[0][1]),
+                                                       records=apart[0].starts)), drives)
     fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
     more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
     try:

@@ -25,8 +25,10 @@ CODES = {
     "friction-law-incomplete": Code(
         WARNING,
         "A run-down without torque leaves more than the steps of the sensor explain. The friction follows another "
-        "law over the speed than viscous and Coulomb friction.",
-        "Look at the picture, and fit a further law with `steady --method coast-down --free`."),
+        "law over the speed than viscous and Coulomb friction. Drag of the air, Stribeck friction, breakaway "
+        "friction and two of them together are tried. The likeliest is named, with others that a log likelihood of "
+        "10 does not part from it, and with what it gains on another run-down from the same speed.",
+        "Fit the law that is named with `steady --method coast-down --free`; where none is, look at the picture."),
     "idle-and-coulomb-together": Code(
         NOTE,
         "All steady intervals have one direction. Idle torque and Coulomb friction are not identifiable "
@@ -61,7 +63,8 @@ CODES = {
         WARNING,
         "Several run-downs of one drive do not have one friction: fitted singly, their ratios of friction to "
         "inertia scatter more than their intervals allow. The intervals are of the mean over such runs.",
-        "Record when the temperature has settled, or note it with each recording."),
+        "Record when the temperature has settled, or note it with each recording. Where the friction changes by "
+        "more than a factor of two, check the inertia that was added or is held."),
     "scatter-beyond-noise": Code(
         WARNING,
         "The steady points scatter about the friction line more than their noise explains, by a chi-square test "
@@ -87,6 +90,11 @@ CODES = {
         "An induction motor's recording has stretches in which its supply is off. No voltage of the open stator is "
         "known there, and they are left out.",
         "Read the run-down with `steady --method coast-down`."),
+    "torque-not-explained": Code(
+        WARNING,
+        "Run-downs follow the friction that was fitted, but under a torque, or a supply, the motion is another one "
+        "than that torque gives. The inertia is wrong by as much as the torque.",
+        "Check the scale of the torque, or the electrical values of the motor and its voltage."),
     "switched-off-assumed": Code(
         NOTE,
         "No torque was logged. The drive is taken to run down without one from where its speed has left the "

@@ -45,6 +45,11 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
         raise NotEnoughData("at least one recording", "none", "Name a log file.")
     common = set.intersection(*(set(e.signals) for e in experiments))
     for e in experiments:
+        if "motor_torque" not in e.signals:
+            raise BadRecording(
+                "role motor_torque for the drive's input", f"none in {e.name}",
+                "Name its channel in the channel map; where the drive runs down without torque, take steady "
+                "--method coast-down.", sorted(e.signals))
         e.signed("motor_torque", "the drive's input")
         if e.input_units:
             raise BadRecording(f"one unit of torque for all roles of {e.name}", ", ".join(

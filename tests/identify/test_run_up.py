@@ -57,8 +57,8 @@ def test_a_voltage_that_is_wrong_by_one_per_cent_shows_as_two_in_the_inertia(fac
 def test_another_resistance_is_said_and_another_number_of_poles_refused():
     e = switched(4)
     found = fitted(e, drive=KNOWN.with_values({"motor.rotor_resistance": 44.0}))
-    (said,) = [f for f in found.findings if f.code == "friction-law-incomplete"]
-    assert "electrical" in said.text
+    (said,) = found.findings
+    assert said.code == "torque-not-explained" and "electrical" in said.text
     with pytest.raises(BadRecording, match="pole pairs"):
         fitted(e, drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.signal import butter, sosfiltfilt
 
 STEP, PULSES = 5e-5, 1000
 RPM = np.pi / 30.0
+LOW_PASS = 80.0  # [Hz] of the coast-down reference's example
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,27 @@ def motion(motor: Motor, torque: Callable[[float], float], speed: float, end: fl
     return tuple(found.sol(np.arange(0.0, found.t[-1], step)))
 
 
-def counts(angle: np.ndarray, seed: int, pulses: int = PULSES) -> np.ndarray:
-    """The angle as a counter has it, from anywhere between two pulses."""
+def driven(motor: Motor, torque: float, speed: float, end: float, half: float = 0.5, step: float = STEP,
+           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(torque, angle, speed) (n,): under a constant torque from a speed on for `half` s, then off to `end`."""
+    up = motion(motor, lambda t: torque, speed, 0.0, half, step)
+    down = motion(motor, lambda t: 0.0, float(up[1][-1]), end, 5.0, step)
+    angle = np.concatenate([up[0][:-1], up[0][-1] + down[0]])
+    logged = torque * (np.arange(len(angle)) < len(up[0]) - 1)
+    return logged, angle, np.concatenate([up[1][:-1], down[1]])
+
+
+def numbers(angle: np.ndarray, seed: int, pulses: int = PULSES) -> np.ndarray:
+    """The angle as a counter has it, whole numbers, from anywhere between two pulses."""
     width = 2.0 * np.pi / pulses
-    return np.floor((angle + np.random.default_rng(seed).uniform(0.0, width)) / width) * width
+    return np.floor((angle + np.random.default_rng(seed).uniform(0.0, width)) / width)
+
+
+def counts(angle: np.ndarray, seed: int, pulses: int = PULSES) -> np.ndarray:
+    """The same in rad."""
+    return numbers(angle, seed, pulses) * (2.0 * np.pi / pulses)
+
+
+def filtered(angle: np.ndarray, step: float = STEP, cut: float = LOW_PASS) -> np.ndarray:
+    """Speed (n,) of an angle by differences and a fourth-order Butterworth filter, forward and backward."""
+    return sosfiltfilt(butter(4, cut, fs=1.0 / step, output="sos"), np.gradient(angle, step))

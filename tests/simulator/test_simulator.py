@@ -388,6 +388,22 @@ def test_fixtures_are_what_the_program_writes():
         assert (FIXTURES / room / "truth.yaml").read_text() == text
 
 
+def test_the_run_downs_are_what_the_program_writes(tmp_path):
+    """All of them again, to the byte, and small enough to look at."""
+    make_fixtures.make_coasting(tmp_path / "coast")
+    stored = {p.name: p for p in (FIXTURES / "coast").iterdir()}
+    assert sorted(stored) == sorted(p.name for p in (tmp_path / "coast").iterdir())
+    for name, path in stored.items():
+        made = tmp_path / "coast" / name
+        assert path.stat().st_size < 300_000
+        if name.endswith(".yaml"):
+            assert made.read_bytes() == path.read_bytes()
+        if name.endswith(".parquet"):
+            now, then = pq.read_table(made), pq.read_table(path)
+            for column in then.column_names:  # another processor may round the last digit of the filtered speed
+                np.testing.assert_allclose(now[column], then[column], atol=1.1e-4)
+
+
 def test_nothing_here_imports_drivetool():
     """Also not through importlib or by a string: the name does not occur in any code."""
     files = [*sorted((HERE / "simulator").glob("**/*.py")), *sorted((HERE / "hidden").glob("**/*.py")),

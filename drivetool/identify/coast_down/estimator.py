@@ -12,9 +12,11 @@ from scipy.optimize import nnls
 from drivetool.drive.chain import AT, Drive, one_body, shared
 from drivetool.drive.effects.induction import EFFECT as INDUCTION
 from drivetool.drive.effects.induction import mean_torque
-from drivetool.errors import BadOption
+from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
+from drivetool.identify.coast_down.laws import UNLIKELY, Further, begun, further_law
 from drivetool.identify.coast_down.report import (
+    TELLS,
     Spread,
     between_runs,
     exhibits,
@@ -36,10 +38,8 @@ from drivetool.logs.experiment import Experiment, sources
 
 INERTIA = "motor.inertia"
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")
-SURPLUS = (".breakaway", ".stribeck")  # of friction at low speed, each with a speed of its own
-SHARE = 0.3  # of the Coulomb friction, from which a surplus begins
-SPEEDS = (1.0, 5.0, 25.0)  # from which its speed begins, in units of the motion per second
 CONSTANTS = 3.0  # time constants of the rotor's flux, after which 5 % of it is left
+ADDED = "a known added inertia"
 PARTS = 40  # of a run-down, whose mean speeds give start values
 
 
@@ -68,7 +68,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     drive        start values; what is held
     options      flux_decay: time after switching off that is left out [s]; None: as a known motor's flux asks for
     returns      Estimate of inertia, viscous and Coulomb friction, in both directions of the idle torque
-    raises       NotEnoughData: nothing runs down without torque; BadRecording: too few counts; BadOption
+    raises       NotEnoughData: nothing runs down without torque, or an added inertia changes nothing;
+                 BadRecording: too few counts, or a counter starts again; BadOption
     source       "Mechanical Parameter Estimation of an Induction Motor for a Digital Twin Using Coast-Down Data"
     """
     stretches = stretches_of(experiments, flux_decay(drive) if options.flux_decay is None else options.flux_decay)
@@ -76,10 +77,8 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     several = len(drive.bodies) > 1
     rigid = rigid_of(drive, replace(options, free=())) if several else None
     names = dict(rigid.names) if rigid else {n: n for n in (INERTIA, *FRICTION)}
-    if several and (options.free or options.stages):
-        raise BadOption("no --free and no --stages for a coast-down of several bodies",
-                        f"--free {options.free[0]}" if options.free else "--stages",
-                        "They run down as one: say --drive one-body.")
+    if several:
+        _refuse_for_several(options)
     held = {n for n, whole in names.items() if whole in options.hold}
     own = _one_body(drive, rigid, held) if rigid else drive
     both = len({_sign(r) for r in runs}) == 2
@@ -91,8 +90,9 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
             and (n != INERTIA or scale.known)]
     free += [n for n in options.free if n not in free and n != "all"]
     fitted, spread = _fitted(start, free, runs, stretches, prior)
-    values = dict(zip(free, map(float, fitted.values), strict=True))
-    ended = start.with_values(values)
+    _check_scale(start, fitted, scale)
+    ended = start.with_values(fitted.found)
+    judged, further = _judged(ended, runs, prior, fitted, spread.first)
     lines = _lines(own, ended, free, fitted, scale, held, both)
     told = [i for i, n in enumerate(free) if any(p.name == n and p.std is not None for p in lines)]
     kept = {p.name: p.value for p in lines if np.isfinite(p.value)}
@@ -102,11 +102,11 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
         covariance=_covariance(free, told, fitted),
         details={"scale": list(scale.by), "spans": _listed(stretches, experiments), "sensor": _sensor(fitted)} | (
             {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
-        findings=tuple(findings(fitted, stretches, experiments, scale.by, spread)),
+        findings=tuple(findings(fitted, judged, stretches, experiments, scale.by, spread, further)),
         data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
         ratios=ratio_lines(ended, free, fitted))
     if options.stages:
-        joint = Joint(experiments, stretches, runs, tuple(_begun(start, free)), ended, fitted, prior,
+        joint = Joint(experiments, stretches, runs, tuple(begun(start, free)), ended, fitted, prior,
                       own.values if scale.known else {})
         return in_stages(result, joint, options.stages)
     if rigid is None:
@@ -117,10 +117,18 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
     return replace(result, drive=drive, parameters=lines)
 
 
+def _refuse_for_several(options: Options) -> None:
+    """Refuse what only a drive of one body can be asked."""
+    if options.free or options.stages:
+        raise BadOption("no --free and no --stages for a coast-down of several bodies",
+                        f"--free {options.free[0]}" if options.free else "--stages",
+                        "They run down as one: say --drive one-body.")
+
+
 def _fitted(start: Drive, free: Sequence[str], runs: Sequence[Run], stretches: Sequence[Stretch],
             prior: Prior) -> tuple[Fitted, Spread]:
     """The likeliest fit of all starts, its covariance with how run-downs differ, and how they do."""
-    fitted = min((fit(each, free, runs, prior) for each in _begun(start, free)), key=lambda f: f.unlikely)
+    fitted = min((fit(each, free, runs, prior) for each in begun(start, free)), key=lambda f: f.unlikely)
     spread = between_runs(start, free, runs, stretches, fitted)
     if spread.changes:  # the residuals of all together have the differences in them
         fitted = replace(fitted, covariance=fitted.white + spread.added)
@@ -162,13 +170,42 @@ def _scale(drive: Drive, stretches: Sequence[Stretch], held: set[str], prior: Pr
     by = [_driven_by(drive)] if any(not s.off for s in stretches) else []
     added = [v for n, v in drive.values.items() if shared(n).endswith(".added_inertia") and AT in n
              and n not in free]
-    by += ["a known added inertia"] if any(added) else []
+    by += [ADDED] if any(added) else []
     by += [f"{n} as held" for n in sorted(held) if drive.value(n)]
     return Scale((*by, *(f"{n} by its file" for n in prior.names)))
 
 
 def _driven_by(drive: Drive) -> str:
     return "a stretch under supply" if fed_by_voltages(drive) else "a stretch under torque"
+
+
+def _judged(ended: Drive, runs: Sequence[Run], prior: Prior, fitted: Fitted,
+            first: tuple[Run, Fitted] | None) -> tuple[Fitted, Further | None]:
+    """(fit by which friction is judged, the law that it lacks); of the first run-down alone where they differ.
+
+    What does not fit under a torque may be the torque's: the run-downs alone tell of the friction.
+    """
+    if first is not None:
+        run, fitted = first
+        ended, runs, prior = ended.with_values(fitted.found), [run], NOTHING
+    elif fitted.misfit < UNLIKELY and any(r.inputs.any() for r in runs):
+        runs, prior = [r for r in runs if not r.inputs.any()], NOTHING
+        fitted = fit(ended, [n for n in fitted.names if n != INERTIA], runs, prior)
+        ended = ended.with_values(fitted.found)
+    return fitted, further_law(ended, fitted.names, runs, prior, fitted) if fitted.misfit < UNLIKELY else None
+
+
+def _check_scale(drive: Drive, fitted: Fitted, scale: Scale) -> None:
+    """Refuse an added inertia, alone as the scale, that changes nothing: the drive's own would be beyond bounds."""
+    if INERTIA not in fitted.names or scale.by != (ADDED,):
+        return
+    value = fitted.found[INERTIA]
+    if not fitted.std(INERTIA) < TELLS * value:
+        names = [n.partition(AT)[2] for n, v in drive.values.items() if v and f".added_inertia{AT}" in n]
+        raise NotEnoughData(
+            "a run-down that the added inertia slows", f"{', '.join(names)}, as fast as without it but for chance",
+            "Check that it was on and that --record names its recording; record again with one about as large as "
+            "the drive's own.")
 
 
 def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], scale: Scale,
@@ -182,16 +219,6 @@ def _started(drive: Drive, runs: Sequence[Run], stretches: Sequence[Stretch], sc
     if scale.known:
         found |= {n: drive.value(n) or 0.0 for n in held}
     return drive.with_values(found)
-
-
-def _begun(start: Drive, free: Sequence[str]) -> list[Drive]:
-    """Where fits begin: at several speeds of a surplus of friction that is free and not known."""
-    found = [start]
-    for name in free:
-        if name.endswith(SURPLUS) and start.value(name) == 0.0:
-            surplus = SHARE * (start.value(name.rpartition(".")[0] + ".coulomb") or 0.0)
-            found = [d.with_values({name: surplus, f"{name}_speed": v}) for d in found for v in SPEEDS]
-    return found
 
 
 def _ratios(runs: Sequence[Run]) -> np.ndarray:

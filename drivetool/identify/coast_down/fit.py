@@ -30,6 +30,7 @@ RANK = 1e-13  # of the largest eigenvalue, below which a direction is rounding
 # friction is far too steep near standstill it runs away, and is left out: the motion counts.
 RUNAWAY = 1e6
 LEAST = 0.9  # of the motion of a run that a fit follows: without a law it leaves a hundredth, by a wrong sign all
+PART = 1e-3  # of a direction that is rounding: what has more of a share in it is not known
 GROUPS = 40  # of residuals over the speed, by whose means the law of the friction is judged
 
 
@@ -113,6 +114,11 @@ class Fitted:
     dof: int
 
     @property
+    def found(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, map(float, self.values), strict=True))
+
+    @property
     def misfit(self) -> float:
         """Probability that chance makes the means of the residuals over the speed as large.
 
@@ -146,17 +152,18 @@ class Fitted:
 
 
 def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
-        prior: Prior) -> Fitted:
+        prior: Prior, rounds: int = ROUNDS) -> Fitted:
     """Fit parameters and the start states of all runs.
 
     drive  at its start values; free: names of the parameters that are fitted
     prior  what is known of them beforehand
+    rounds at most, in which counts are placed anew
     """
     values = np.array([drive.value(n) for n in free], float)
     starts, readings = None, [r.reading for r in runs]
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         used, before = readings, values
-        problems = [_problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
+        problems = [problem(drive, free, run, r) for run, r in zip(runs, used, strict=True)]
         starts = starts or [first_states(run.driven(drive), run.roles, p.traces, free)[0]
                             for p, run in zip(problems, runs, strict=True)]
         values, starts, rows, left = _solved(problems, used, values, starts, prior)
@@ -183,14 +190,16 @@ def fit(drive: Drive, free: Sequence[str], runs: Sequence[Run],
 
 def simulated(drive: Drive, run: Run, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(what the sensor of a run would show without its steps (n,), speed of the motor (n,)) from a start state."""
-    problem = _problem(drive, (), run, run.reading)
-    out, states = problem.plants(np.empty(0), False)[0].simulate(problem.traces[0], start, keep=True)[:2]
+    one = problem(drive, (), run, run.reading)
+    out, states = one.plants(np.empty(0), False)[0].simulate(one.traces[0], start, keep=True)[:2]
     return out[:, 0], states[:, 0]
 
 
 def _refuse_another(run: Run, simulated: np.ndarray) -> None:
-    """Refuse a run that goes another way than any inertia and friction let it go."""
+    """Refuse a driven run that goes another way than its torque lets any inertia and friction go."""
     r = run.reading
+    if not run.inputs.any():
+        return
     y = r.values[r.known]
     followed = 1.0 - float(np.sqrt(np.mean((y - simulated[r.known]) ** 2)) / np.std(y))
     if not followed > LEAST:
@@ -201,7 +210,8 @@ def _refuse_another(run: Run, simulated: np.ndarray) -> None:
             "inductances and the voltage.")
 
 
-def _problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
+def problem(drive: Drive, free: Sequence[str], run: Run, reading: Reading) -> Problem:
+    """One run, with what was read of it, as a problem of the free parameters."""
     trace = Trace(run.inputs, reading.values[:, None], reading.step, run.name, run.origin, run.record,
                   start=run.start)
     return problem_of(run.driven(drive), free, run.roles, (trace,))
@@ -272,6 +282,8 @@ def _covariances(rows: np.ndarray, left: np.ndarray, k: int) -> tuple[np.ndarray
     size[mute] = 1.0
     scaled = rows / size
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=RANK, hermitian=True)
+    sizes, ways = np.linalg.eigh(scaled.T @ scaled)
+    mute |= np.abs(ways[:, sizes < RANK * sizes[-1]]).max(axis=1, initial=0.0) > PART
     edges = np.linspace(0, len(left), BLOCKS + 1).round().astype(int)
     sums = np.array([scaled[a:b].T @ left[a:b] for a, b in pairwise(edges)])
     told = scaled[len(left):]

@@ -13,9 +13,14 @@ from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.spikes import quantum
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what is anywhere in an interval of one
-AROUND = 10  # changes before and after, over which the speed is taken to place a change
-LOCKED = 2.0  # times the root of the change of the counts per sample: within it the place runs through four counts
-LASTING = 20.0  # samples that see the same part of a count, from which they are left out
+# Changes before and after, over which the speed is taken to place a change: twenty counts tell it to some per cent.
+AROUND = 10
+# Times the root of the change of the counts per sample: within it the place runs through four counts, and beyond it
+# fast enough that errors add up as if by chance; at half of it their sum has up to twice that variance.
+LOCKED = 2.0
+# Samples that see the same part of a count, from which they are left out: twenty errors that are one have the
+# variance of 400, and a run-down has some thousand.
+LASTING = 20.0
 # White noise below this share of a step is quantisation: rounding alone gives 0.29 of it where a speed is fast, and
 # less where it is slow.
 COUNTED = 0.5

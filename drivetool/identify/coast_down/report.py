@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from drivetool.drive.chain import Drive
+from drivetool.drive.chain import AT, Drive
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
+from drivetool.identify.coast_down.laws import UNLIKELY, Further
 from drivetool.identify.coast_down.stretches import Stretch, acting
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.results import Z95
@@ -24,7 +25,10 @@ FRICTION = ("inertia", "viscous", "coulomb", "idle_torque")  # what is stated ho
 TELLS = 0.5
 # Unit of a parameter -> unit of it over the inertia.
 OVER_INERTIA = {"{T}": "{q}/s^2", "{T} s/{q}": "1/s", "{T} s^2/{q}^2": "1/{q}", "{T} s^2/{q}": ""}
-UNLIKELY = 1e-3  # chance below which run-downs are said to differ, and a law to be another
+# Factor of the friction from run-down to run-down beyond which a wrong inertia is likelier: between records that
+# follow each other a bearing that warms up loses some ten per cent.
+HEATED = 2.0
+WORDS = {"drag": "drag of the air", "stribeck": "Stribeck friction", "breakaway": "breakaway friction"}
 
 
 @dataclass(frozen=True)
@@ -32,11 +36,13 @@ class Spread:
     """How run-downs differ: probability by chance, changes of the ratios from the first to the last in per cent.
 
     added  (k, k) covariance of the mean that it adds
+    first  the first run-down with its own fit, where they differ: the law is judged by it alone
     """
 
     probability: float
     changes: Mapping[str, float]
     added: np.ndarray
+    first: tuple[Run, Fitted] | None = None
 
 
 def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Parameter, ...]:
@@ -97,7 +103,7 @@ def between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run], stretch
     alone = [r for r, s in zip(runs, stretches, strict=True) if s.off]
     if len(alone) < 2 or not own:
         return Spread(1.0, {}, none)
-    ended = start.with_values(dict(zip(free, map(float, fitted.values), strict=True)))
+    ended = start.with_values(fitted.found)
     singles = [fit(ended, own, [run], NOTHING) for run in alone]
     weights = [np.linalg.pinv(f.covariance, hermitian=True) for f in singles]
     mean = np.linalg.pinv(np.sum(weights, axis=0), hermitian=True) @ np.sum(
@@ -109,11 +115,38 @@ def between_runs(start: Drive, free: Sequence[str], runs: Sequence[Run], stretch
     values = np.array([f.values for f in singles])
     added, at = np.zeros((k, k)), [free.index(n) for n in own]
     added[np.ix_(at, at)] = np.cov(values.T).reshape(len(own), len(own)) / len(alone)
+    if len(alone) == len(runs):  # else the torque is a scale too
+        scatter = float(np.sqrt(np.mean((values.std(axis=0, ddof=1) / values.mean(axis=0)) ** 2)))
+        added += _through_added(ended, free, [r.name for r in alone], scatter)
     speed = float(np.median(np.abs(fitted.speed)))
     brakes = values @ np.array([speed if n == "motor.viscous" else 1.0 for n in own])
     changes = {n.partition(".")[2]: 100.0 * float(v[-1] / v[0] - 1.0)
                for n, v in zip(own, values.T, strict=True) if v[0]}
-    return Spread(probability, changes | {"together": 100.0 * float(brakes[-1] / brakes[0] - 1.0)}, added)
+    return Spread(probability, changes | {"together": 100.0 * float(brakes[-1] / brakes[0] - 1.0)}, added,
+                  (alone[0], singles[0]))
+
+
+def _through_added(drive: Drive, free: Sequence[str], names: Sequence[str], scatter: float) -> np.ndarray:
+    """(k, k) covariance of what an added inertia tells by run-downs whose frictions scatter.
+
+    A factor of both frictions looks like another inertia. It is taken to scatter as they do beside one another.
+
+    names  of the recordings of the run-downs; scatter: of a friction, over its mean
+    """
+    found, own = np.zeros((len(free), len(free))), drive.values[INERTIA]
+    for name in [n for n in drive.values if f".added_inertia{AT}" in n and (n in free or drive.value(n))]:
+        size, on = drive.values[name], sum(n == name.partition(AT)[2] for n in names)
+        if not 0 < on < len(names):
+            continue
+        ratio = scatter * np.sqrt(1.0 / on + 1.0 / (len(names) - on))  # of (J + J_added) over J
+        way = np.zeros(len(free))
+        if name in free:
+            way[free.index(name)] = (own + size) * ratio
+        elif INERTIA in free:  # all that is a torque follows the scale
+            way = np.array([drive.values[n] if "{T}" in drive.quantity(n).unit else 0.0 for n in free])
+            way *= ratio * (own + size) / size
+        found += np.outer(way, way)
+    return found
 
 
 def outcome(stretches: Sequence[Stretch], experiments: Sequence[Experiment], by: Sequence[str]) -> str:
@@ -133,9 +166,12 @@ def figures(fitted: Fitted, stretches: Sequence[Stretch]) -> dict[str, float | i
             "run_downs": sum(s.off for s in stretches), "chi2": fitted.chi_square, "chi2_dof": fitted.dof}
 
 
-def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
-             by: Sequence[str], spread: Spread) -> list[Finding]:
-    """What a person should know of it."""
+def findings(fitted: Fitted, judged: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment],
+             by: Sequence[str], spread: Spread, further: Further | None) -> list[Finding]:
+    """What a person should know of it.
+
+    judged  the fit that tells whether the friction follows its law; further: the law that it lacks
+    """
     found = []
     if not by:
         found.append(Finding(
@@ -144,23 +180,21 @@ def findings(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence
             "Record a stretch under a logged torque too, or repeat with a known inertia added (--record FILE "
             "motor.added_inertia=VALUE), or hold a known inertia or friction (--set, --hold)."))
     found += switched_off_assumed([experiments[s.recording] for s in stretches])
-    or_else = ", or the motor's electrical values are others" if any(
-        supply_of(experiments[s.recording]) is not None for s in stretches if not s.off) else ""
-    if fitted.misfit < UNLIKELY:
-        found.append(Finding(
-            "warning", "friction-law-incomplete", "What is left of the run-down depends on the speed (probability "
-            f"{fitted.misfit:.1g} by chance): the friction follows another law{or_else}.",
-            {"probability": fitted.misfit},
-            "Look at the picture, and fit a further law: --free motor.drag, or --free motor.stribeck --free "
-            "motor.stribeck_speed."))
+    if judged.misfit < UNLIKELY:
+        found.append(_incomplete(judged, further))
+    elif fitted.misfit < UNLIKELY:
+        found.append(_torque_differs(fitted, stretches, experiments))
     if spread.changes:
         told = ", ".join(f"{n} by {v:+.2g} %" for n, v in spread.changes.items() if n != "together")
         found.append(Finding(
             "warning", "run-downs-differ", f"From the first run-down to the last the friction changes: {told}, "
             f"together by {spread.changes['together']:+.2g} %. Chance would do that with a probability of "
-            f"{spread.probability:.1g}. The intervals are of the mean of runs like these.",
+            f"{spread.probability:.1g}. The intervals are of the mean of runs like these; an added inertia is told "
+            "as well as runs are alike.",
             dict(spread.changes) | {"probability": spread.probability},
-            "A machine that warms up loses friction: record when its temperature has settled, or note it too."))
+            "A machine that warms up loses friction: record when its temperature has settled, or note it too."
+            if 1.0 / HEATED < 1.0 + 0.01 * spread.changes["together"] < HEATED else
+            "Warmth hardly does that: check the inertia that was added or is held, and its unit."))
     return found
 
 
@@ -172,6 +206,39 @@ def switched_off_assumed(experiments: Sequence[Experiment]) -> list[Finding]:
         "note", "switched-off-assumed", "No torque was logged: the drive is taken to run down without one from "
         "where its speed has left the highest value.", {},
         "Leave out what belongs to the switching with --flux-decay, or --condition 'keep from=..'.")]
+
+
+def _incomplete(fitted: Fitted, further: Further | None) -> Finding:
+    """That the friction follows another law, and which."""
+    text = ("What is left of the run-down depends on the speed (probability "
+            f"{fitted.misfit:.1g} by chance): the friction follows another law. ")
+    evidence: dict[str, float | int | str] = {"probability": fitted.misfit}
+    if further is None:
+        tried = " and ".join(WORDS.values())
+        return Finding("warning", "friction-law-incomplete", f"{text}Of {tried} none explains it.", evidence,
+                       "Look at the picture: an edge over the speed is a load that changes, waves are the encoder.")
+    gain, options = further.gain, " ".join(f"--free {n}" for n in further.names)
+    words = " or ".join(" with ".join(WORDS[law] for law in laws) for laws in further.laws)
+    text += f"{words[0].upper()}{words[1:]} explains {'it' if further.misfit >= UNLIKELY else 'part of it'}"
+    text += (f". On another run-down from the same speed the simulation errs by {gain.percent:.3g} % less "
+             f"({gain.low:.3g} to {gain.high:.3g} %).")
+    evidence |= {"law": " ".join(further.laws[0]), "gain_percent": gain.percent, "gain_low": gain.low,
+                 "gain_high": gain.high}
+    return Finding("warning", "friction-law-incomplete", text, evidence,
+                   f"Fit it with --drive one-body {options}." if len(further.laws) == 1 else
+                   f"Record until the drive stands, which tells them apart; fit the likelier with {options}.")
+
+
+def _torque_differs(fitted: Fitted, stretches: Sequence[Stretch], experiments: Sequence[Experiment]) -> Finding:
+    """That the run-downs follow the friction, and what was driven does not follow its torque."""
+    fed = any(supply_of(experiments[s.recording]) is not None for s in stretches if not s.off)
+    what = "the motor's electrical values or its voltage" if fed else "the logged torque"
+    return Finding(
+        "warning", "torque-not-explained", "The run-downs follow the friction, but where the drive is driven its "
+        f"motion is another one (probability {fitted.misfit:.1g} by chance). Then {what} is wrong there, and the "
+        "inertia by as much.", {"probability": fitted.misfit},
+        "Check resistances, inductances and voltage of the motor at its temperature." if fed else
+        "Check the scale of the torque and its delay; leave the switching out.")
 
 
 def exhibits(experiments: Sequence[Experiment], stretches: Sequence[Stretch], fitted: Fitted,

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.errors import NotEnoughData
+from drivetool.errors import BadRecording, NotEnoughData
 from drivetool.identify.setup import white_std
 from drivetool.identify.steady_speeds.points import speed_of
 from drivetool.identify.steady_speeds.state import block_means
@@ -17,11 +17,17 @@ from drivetool.logs.experiment import Experiment
 from drivetool.logs.samples.spikes import quantum
 
 NOISE = 5.0  # standard deviations of the torque's white noise: chance exceeds them once in a million samples
-STEPS = 5.0  # steps or noises of the sensor, that a drive which runs down must go, or be fast, at least
-FALLS = 0.01  # share of its speed that a drive without torque loses at least: what does not is driven by something
-LEAST = 50  # samples of a stretch that is worth one
+# Steps or noises of the sensor that a drive which runs down goes, or is fast, at least: with less it may stand.
+STEPS = 5.0
+# Share of its speed that a drive without torque loses at least: controllers hold one within less, and friction
+# takes more of it in any record that is worth a fit.
+FALLS = 0.01
+LEAST = 50  # samples of a stretch: fewer have no shape that tells two frictions apart
 BLOCKS = 200  # means of the speed, by which the beginning is found where no torque was logged
-BEGUN = 0.98  # of the highest speed, below which a drive without a logged torque is taken to run down
+# Of the highest speed, below which a drive without a logged torque is taken to run down: a controller holds the
+# speed before within 1 %, and little of the run-down is lost.
+BEGUN = 0.98
+REGISTER = 0.01  # share of a power of two, within which a jump is over the range of a counter of so many digits
 
 
 @dataclass(frozen=True)
@@ -38,8 +44,10 @@ def stretches_of(experiments: Sequence[Experiment], decay: float) -> list[Stretc
     """Stretches without torque, each after the flux has decayed, and those under torque before them.
 
     decay   time after switching off that is left out [s]
-    raises  NotEnoughData: none without torque, or none that moves
+    raises  NotEnoughData: none without torque, or none that moves; BadRecording: a counter starts again
     """
+    for e in experiments:
+        _goes_on(e)
     found = [s for i, e in enumerate(experiments) for s in _of_one(i, e, decay) if _moves(e, s)]
     if not any(s.off for s in found):
         raise NotEnoughData(
@@ -59,6 +67,20 @@ def acting(experiment: Experiment) -> np.ndarray | None:
 def run_downs(experiments: Sequence[Experiment]) -> list[Stretch]:
     """The stretches without torque in which the drive runs down."""
     return [s for i, e in enumerate(experiments) for s in _of_one(i, e, 0.0) if s.off and _moves(e, s)]
+
+
+def _goes_on(experiment: Experiment) -> None:
+    """Refuse an angle that jumps where its counter starts again: every jump would be a motion."""
+    for finding in experiment.findings:
+        if finding.code == "angle-wraps" and finding.evidence.get("role") == "motor_angle":
+            size = float(finding.evidence["size"])
+            whole = 2.0 ** round(np.log2(size))
+            wrap = f"{whole:.0f}" if abs(size - whole) < REGISTER * whole else f"{size:.4g}"
+            raise BadRecording(
+                "an angle that goes on where its counter starts again",
+                f"motor_angle of {experiment.name} jumps by {size:.6g}",
+                f"Write `wrap: {wrap}`, in the unit of its channel, for motor_angle in the channel map; or record "
+                "with a counter of more digits.")
 
 
 def _moves(experiment: Experiment, stretch: Stretch) -> bool:

@@ -204,7 +204,8 @@ def in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
     if values[rigid.target] <= 0.0:
         raise BadParameters(f"rotating parts that are smaller than what the motor accelerates, "
                             f"{found.drive.values['motor.inertia']:.4g} {drive.unit(f'{drive.bodies[0]}.inertia')}",
-                            f"{rigid.rest:.4g} at the motor", "Correct their inertias, or the ratio.")
+                            f"{rigid.rest:.4g} at the motor", "Correct their inertias, or the "
+                            "ratio; recorded alone, the motor tells its own.")
     if "motor.coulomb" in lines:  # what the others had would count twice
         values |= {n: 0.0 for n in (f"{b}.coulomb" for b in drive.bodies[1:]) if drive.values.get(n)}
     told = {n: line.std is not None for n, line in lines.items()}
