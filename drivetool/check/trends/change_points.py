@@ -11,8 +11,8 @@ from drivetool.check.trends.regression import Fit, fit
 
 # Recordings before a change, and between two: fewer do not tell the scatter that its size is compared with.
 FEWEST_BEFORE = 5
-# Recordings after the last change: two may be two bad recordings, and a change is found soon enough with three.
-FEWEST_AFTER = 3
+# Recordings after the last change: one alone may be a bad recording, and a change shall be found with the second.
+FEWEST_AFTER = 2
 FEWEST = FEWEST_BEFORE + FEWEST_AFTER
 # Chance of any change in all the series of a site that do not change. A site is looked at daily, and a false alarm
 # costs a person a walk: one of a hundred sites without a change may have one.
@@ -47,10 +47,10 @@ def model_of(values: np.ndarray, weights: np.ndarray, tests: int) -> Model:
     values   (n,) in the order of the recordings; weights (n,) of mean 1
     tests    how many hypotheses are tested in all: two per series, a drift and steps
     returns  Model: steps alone, a drift, or steps beside one drift, by the modified information criterion of Zhang
-             and Siegmund. In both families steps are added one by one, or two at once, at the place that explains
-             most, as long as that is significant. A chance is that of Student's t, multiplied by the places looked at and by `tests`
-             (Bonferroni): it holds whatever the correlation between places, parameters and machines. Of the
-             maximum over places that is at most a factor of three too much, which is half a standard deviation.
+             and Siegmund. In both families steps are added one by one, or two at once, where they explain most, as
+             long as they are significant. A chance is that of Student's t, multiplied by the places looked at and
+             by `tests` (Bonferroni). It holds whatever the correlation between places, parameters and machines. Of
+             the maximum over places that is at most a factor of three too much, half a standard deviation.
     source   Zhang and Siegmund 2007 (criterion); Worsley 1979 (maximum over places); Fryzlewicz 2014 (steps one
              by one)
     """

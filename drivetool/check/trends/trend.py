@@ -99,8 +99,8 @@ def trends(series: Iterable[Series], alarm: float = ALARM) -> tuple[Trend, ...]:
 
     series   all that are looked at: the error budget is for all of them together
     alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
-    returns  one Trend each, in their order. A series of fewer than 8 recordings, or of equal values, has a mean
-             only.
+    returns  one Trend each, in their order. A series of fewer than FEWEST recordings, or of equal values, has a
+             mean only.
     """
     series = tuple(series)
     tests = TESTS_PER_SERIES * sum(not _silent(each) for each in series)

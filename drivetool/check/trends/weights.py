@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-WINDOW = 5  # recordings of the running median: it keeps a step that has three recordings on either side
+WINDOW = 5  # recordings of the running median: it keeps a step with three recordings on either side, two at an end
 # Standard deviations from the running median from which on a recording counts less. Of normal values 3 in 1000
 # do; of heavy tails the far ones, which a mean of few recordings would follow.
 FAR = 4.0

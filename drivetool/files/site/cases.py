@@ -60,7 +60,7 @@ def markdown(cases: Sequence[Case]) -> str:
     returns  UTF-8 text for the step summary of GitHub, or a comment on a merge request
     """
     bad = missed(cases)
-    verdict = f"{bad} of {len(cases)} bars missed" if bad else f"all {len(cases)} bars met"
+    verdict = f"{bad} of {len(cases)} bars missed" if bad else f"all {len(cases)} bars met" if cases else "no bars"
     lines = [f"# drivetool: {verdict}", "", "| machine | bars | missed | warnings |", "|---|---:|---:|---:|"]
     for machine, own in _by_machine(cases).items():
         lines.append(f"| {_marked(machine)} | {len(own)} | {missed(own)} | {len(_warnings(own))} |")

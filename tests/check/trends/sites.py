@@ -40,9 +40,9 @@ def site(seed, noise=normal, machines=8, n=25, changed=None, dated=True, stated=
         for parameter, (value, unit) in PARAMETERS.items():
             more = np.asarray(changed.get((machine, parameter), 0.0))
             values = value * (1.0 + SD * (noise(rng, n) + more))
-            rows += [Row(f"press {machine}/{i:02d}.parquet", f"press {machine}", BEGAN + EVERY * i if dated else None,
-                         i, "greybox", parameter, float(v), unit, stated * SD * value, "fitted")
-                     for i, v in enumerate(values)]
+            rows += [Row(f"press {machine}/{i:02d}.parquet", f"press {machine}",
+                         BEGAN + EVERY * i if dated else None, i, "greybox", parameter, float(v), unit,
+                         stated * SD * value, "fitted") for i, v in enumerate(values)]
     return rows
 
 

@@ -81,4 +81,5 @@ def test_the_truth_says_the_same():
               if row["state"] != "normal"}
     found = {machine: trend.series.recordings[change.place] for (machine, _), trend in by.items()
              for change in trend.changes if change.ratio > 2.0}
-    assert "rig-e" not in faults and {**faults, "rig-c": ""} == {**found, "rig-c": ""}
+    # Less lubricant at the other load is half a standard deviation.
+    assert found == {machine: name for machine, name in faults.items() if machine != "rig-c"}

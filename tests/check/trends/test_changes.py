@@ -28,6 +28,17 @@ def test_a_step_and_a_drift_are_found_and_nothing_else(seed):
     assert {f.evidence["machine"] for f in found} == {"press 3", "press 5"}
 
 
+def test_a_step_is_found_with_the_second_recording_after_it():
+    """With the first it may be a bad recording. Seven of eight are found, 12 of 20 by 99 % of such runs."""
+    found = {1: 0, 2: 0}
+    for seed in SEEDS:
+        for after in found:
+            n = 23 + after
+            _, trends = trends_of(site(seed, n=n, changed={GAP: step(6.0, 23, n)}))
+            found[after] += any(t.changes for t in trends if t.series.machine == "press 3")
+    assert found[1] == 0 and found[2] >= 12
+
+
 def test_the_slope_is_inside_its_interval():
     """Of 100 seeds 89 to 100 are, with 99 % of a true share of 95 %; slopes per recording and per day alike."""
     inside = per_day = alarms = 0
