@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 # As batch writes it, the columns that trends do not read left out.
 FIELDS = {"recording": pa.string(), "machine": pa.string(), "start": pa.timestamp("us", "UTC"), "order": pa.int32(),
           "step": pa.string(), "parameter": pa.string(), "value": pa.float64(), "unit": pa.string(),
-          "std": pa.float64(), "status": pa.string()}
+          "std": pa.float64(), "status": pa.string(), "kind": pa.string()}
 
 
 def table_of(rows):

@@ -71,6 +71,7 @@ class SeriesSection(Shape):
     machine: str
     parameter: str
     step: Annotated[str, Meta(description="the step that fitted it")]
+    kind: Annotated[str, Meta(description="of the recordings, a word of the site file")]
     unit: str
     first: Annotated[str, Meta(description="the first recording")]
     last: Annotated[str, Meta(description="the last recording")]

@@ -101,7 +101,8 @@ def _word(series: shapes.SeriesSection) -> str:
 def _series(trend: Trend) -> shapes.SeriesSection:
     series = trend.series
     return shapes.SeriesSection(
-        machine=series.machine, parameter=series.parameter, step=series.step, unit=series.unit,
+        machine=series.machine, parameter=series.parameter, step=series.step,
+        kind=series.kind, unit=series.unit,
         first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out, mean=_mean(trend.mean),
         parts=[_mean(part) for part in trend.parts], drift=trend.drift and _drift(trend.drift),
         changes=[_change(trend, change) for change in trend.changes], correlation=plain(trend.correlation),

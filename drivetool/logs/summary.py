@@ -14,8 +14,9 @@ from drivetool.logs.experiment import shown
 if TYPE_CHECKING:
     import pyarrow as pa
 
-COLUMNS = ("recording", "machine", "start", "order", "step", "parameter", "value", "unit", "std", "status")
-TEXTS = ("recording", "machine", "step", "parameter", "unit", "status")
+COLUMNS = ("recording", "machine", "start", "order", "step", "parameter", "value", "unit", "std", "status", "kind")
+TEXTS = ("recording", "machine", "step", "parameter", "unit", "status", "kind")
+MAY_BE_EMPTY = ("unit", "status", "kind")  # null is no text there
 MICROSECONDS = 1e6
 
 
@@ -23,9 +24,11 @@ MICROSECONDS = 1e6
 class Row:
     """A parameter, as one step found it from one recording.
 
+    recording  its path; empty where one step fitted all recordings of the machine together
     start   when the recording began, in seconds since 1970 (UTC); None where its log does not say
     order   its place among the recordings of the machine
     value, std  in `unit`; None where there is none, parameter too
+    kind    what was recorded, in a word of the site file
     """
 
     recording: str
@@ -38,6 +41,7 @@ class Row:
     unit: str
     std: float | None
     status: str = ""
+    kind: str = ""
 
 
 def read_summary(path: Path | str) -> list[Row]:
@@ -105,7 +109,7 @@ def _column(table: pa.Table, column: str, name: str) -> list:
     except (pa.ArrowException, ValueError):
         raise BadRecording(f"a column {column} of type {target} in {name}", str(table.schema.field(column).type),
                            "Give the summary that batch wrote.") from None
-    if column in ("unit", "status"):
+    if column in MAY_BE_EMPTY:
         return ["" if v is None else v for v in found]
     if None in found and column not in ("parameter", "value", "std"):
         raise BadRecording(f"a {column} in every row of {name}", f"none in row {found.index(None) + 1}",

@@ -148,6 +148,16 @@ def test_two_steps_that_fit_one_parameter_are_told_apart(call, summary):
         "Motor Coulomb friction of press 1, by greybox,"]
 
 
+def test_kinds_of_recordings_are_series_of_their_own_and_a_joint_fit_is_none(call, summary):
+    rows = [replace(r, kind="steps") for r in site(4, machines=1, changed={(1, "motor.coulomb"): step(9.0, 15)})]
+    rows += [replace(r, kind="gap", recording=f"gap {r.recording}") for r in site(5, machines=1)]
+    rows += [replace(r, recording="", order=0) for r in site(6, machines=1, n=1)]
+    _, file = codes_of(call, summary, rows)
+    assert len(file["series"]) == 10 and {s["mean"]["recordings"] for s in file["series"]} == {25}
+    assert [f["text"].split(" grew")[0] for f in file["findings"]] == [
+        "Motor Coulomb friction of press 1, by greybox of steps,"]
+
+
 def test_what_is_no_summary_is_one_sentence(call, summary, tmp_path):
     (tmp_path / "no.parquet").write_text("no")
     for words in (["no.parquet"], ["missing.parquet"], ["."]):

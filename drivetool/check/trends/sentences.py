@@ -20,13 +20,13 @@ PREFIXES = ((1e-4, 1e6, "u"), (0.1, 1e3, "m"))  # below this size, this factor a
 
 
 def subject(series: Series, step: bool = False) -> str:
-    """'Half gap of press 3'; step: name the step too, which others of the machine share the parameter with."""
+    """'Half gap of press 3'; step: name step and kind too, where the machine has the parameter several times."""
     first, _, last = series.parameter.partition(".")
     if not last:
         first, last = "", first
     words = WORDS.get(last, last.replace("_", " ").replace(".", " "))
     owner = "" if first in ("", *UNSAID) else f"{first} "
-    by = f", by {series.step}," if step else ""
+    by = f", by {series.step}{f' of {series.kind}' if series.kind else ''}," if step else ""
     text = f"{owner}{words} of {series.machine}{by}"
     return text[:1].upper() + text[1:]
 

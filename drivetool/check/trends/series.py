@@ -19,12 +19,13 @@ EQUAL = 1e-9
 
 @dataclass(frozen=True)
 class Series:
-    """A parameter of a machine by one step, in the order of the recordings.
+    """A parameter of a machine by one step from recordings of one kind, in their order.
 
     recordings  (n) their names
     starts      (n,) s since 1970 (UTC); None where one of the logs has no absolute time
     values, stds  (n,) in `unit`; NaN where no std is stated
     left_out    recordings of the machine that have the parameter without a finite, fitted value
+    kind        what was recorded
     """
 
     machine: str
@@ -36,6 +37,7 @@ class Series:
     values: np.ndarray
     stds: np.ndarray
     left_out: int = 0
+    kind: str = ""
 
     @property
     def days(self) -> np.ndarray | None:
@@ -59,20 +61,20 @@ class Series:
 def series_of(rows: Iterable[Row]) -> tuple[Series, ...]:
     """The series of a summary, machines and parameters in its order.
 
-    rows     in any order; a row without a parameter tells nothing here
-    returns  one Series per machine, parameter and step with at least one value. Values that are not finite, held
-             or not identifiable are counted in `left_out`. A unit that changes begins a series of its own.
+    rows     in any order. A row without a parameter tells nothing here, nor does one of all recordings together.
+    returns  one Series per machine, parameter, step and kind with at least one value. Values that are not finite,
+             held or not identifiable are counted in `left_out`. A unit that changes begins a series of its own.
     """
-    groups: dict[tuple[str, str, str, str], list[Row]] = {}
+    groups: dict[tuple[str, str, str, str, str], list[Row]] = {}
     for row in rows:
-        if row.parameter is not None:
-            groups.setdefault((row.machine, row.parameter, row.step, row.unit), []).append(row)
+        if row.parameter is not None and row.recording:
+            groups.setdefault((row.machine, row.parameter, row.step, row.unit, row.kind), []).append(row)
     return tuple(found for key, group in groups.items() if (found := _series(key, group)) is not None)
 
 
-def _series(key: tuple[str, str, str, str], group: Sequence[Row]) -> Series | None:
+def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series | None:
     """The rows of one series; None where no value is left."""
-    machine, parameter, step, unit = key
+    machine, parameter, step, unit, kind = key
     told = sorted((row for row in group if _told(row)), key=lambda row: (row.order, row.recording))
     if not told:
         return None
@@ -80,7 +82,7 @@ def _series(key: tuple[str, str, str, str], group: Sequence[Row]) -> Series | No
     stds = [row.std if row.std is not None and np.isfinite(row.std) and row.std > 0.0 else np.nan for row in told]
     return Series(machine, parameter, step, unit, tuple(row.recording for row in told),
                   None if None in starts else np.array(starts, float), np.array([row.value for row in told], float),
-                  np.array(stds, float), len(group) - len(told))
+                  np.array(stds, float), len(group) - len(told), kind)
 
 
 def _told(row: Row) -> bool:
@@ -98,7 +100,7 @@ def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:
     """
     content: dict[tuple[str, str], list[tuple]] = {}
     for row in rows:
-        if _told(row):
+        if row.recording and _told(row):
             content.setdefault((row.machine, row.recording), []).append(
                 (row.step, row.parameter, row.value, row.std))
     seen: dict[tuple[str, frozenset], str] = {}
@@ -114,4 +116,5 @@ def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:
 
 def recordings_per_machine(rows: Iterable[Row]) -> Mapping[str, int]:
     """Machine -> number of its recordings."""
-    return Counter(machine for machine, _ in dict.fromkeys((row.machine, row.recording) for row in rows))
+    return Counter(machine for machine, _ in dict.fromkeys(
+        (row.machine, row.recording) for row in rows if row.recording))
