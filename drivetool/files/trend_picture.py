@@ -55,7 +55,7 @@ def _panel(axis: Axes, trend: Trend) -> None:
         _mark(axis, trend, change)
     axis.set_xlim(0.5, len(place) + 0.5)
     unit = f" [{series.unit}]" if series.unit else ""
-    axis.set_ylabel(f"{series.parameter.replace('_', ' ')}\n{series.step}{unit}", fontsize=8)
+    axis.set_ylabel(f"{series.parameter}\n{series.step}{unit}", fontsize=8)
 
 
 def _means(axis: Axes, trend: Trend) -> None:
@@ -74,6 +74,7 @@ def _mark(axis: Axes, trend: Trend, change: Change) -> None:
     axis.axvline(change.place + 0.5, color=colour, linewidth=1.2, linestyle="-" if change.alarm else "--")
     size = "" if np.isinf(change.ratio) else f", {change.ratio:.1f} sd"
     words = between(trend.series, change.place - 1, change.place).removeprefix("between ")
+    left = change.place < 0.6 * len(trend.series.values)
     axis.annotate(f"{'alarm' if change.alarm else 'small step'}{size}\n{words}", (change.place + 0.5, 1.0),
-                  xycoords=("data", "axes fraction"), xytext=(3, -2), textcoords="offset points", fontsize=7,
-                  color=colour, va="top", ha="left" if change.place < 0.6 * len(trend.series.values) else "right")
+                  xycoords=("data", "axes fraction"), xytext=(4 if left else -4, -2), textcoords="offset points",
+                  fontsize=7, color=colour, va="top", ha="left" if left else "right")

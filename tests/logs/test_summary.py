@@ -11,7 +11,7 @@ from drivetool.errors import BadRecording
 from drivetool.logs.summary import COLUMNS, Row, read_summary
 from tests.summaries import table_of, write_summary
 
-ROWS = [Row("a/1.mcap", "a", 1772323200.25, 0, "steady", "motor.viscous", 0.4, "Nm s/rad", 0.01, "fitted", "steady"),
+ROWS = [Row("a/1.mcap", "a", 1772323200.25, 0, "steady", "motor.viscous", 0.4, "Nm s/rad", 0.01, "fitted", "x"),
         Row("a/1.mcap", "a", 1772323200.25, 0, "steady", "motor.coulomb", math.inf, "Nm", None, "held"),
         Row("b/1.mcap", "b", None, 0, "steady", None, None, "", None, "")]
 

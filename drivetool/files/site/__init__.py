@@ -1,1 +1,1 @@
-"""Files of a site of recordings."""
+"""A site of recordings: its file, the manifest of what was done, the summary, the verdicts, the page."""

@@ -60,15 +60,15 @@ def markdown(cases: Sequence[Case]) -> str:
     returns  UTF-8 text for the step summary of GitHub, or a comment on a merge request
     """
     bad = missed(cases)
-    verdict = f"{bad} of {len(cases)} bars missed" if bad else f"all {len(cases)} bars met" if cases else "no bars"
-    lines = [f"# drivetool: {verdict}", "", "| machine | bars | missed | warnings |", "|---|---:|---:|---:|"]
+    verdict = f"{bad} of {len(cases)} checks failed" if bad else f"{len(cases)} checks passed"
+    lines = [f"# drivetool: {verdict}", "", "| machine | checks | failed | warnings |", "|---|---:|---:|---:|"]
     for machine, own in _by_machine(cases).items():
         lines.append(f"| {_marked(machine)} | {len(own)} | {missed(own)} | {len(_warnings(own))} |")
     misses = [f"- **{_marked(_who(case))}**, {_marked(case.name)}: {_marked(case.text)}"
               for case in cases if not case.passed]
     warnings = [f"- {_marked(who)}: {_marked(text)}" for who, text in _warnings(cases)]
     if misses:
-        lines += ["", "## Missed", "", *_listed(misses)]
+        lines += ["", "## Failed", "", *_listed(misses)]
     if warnings:
         lines += ["", "<details><summary>Warnings</summary>", "", *_listed(warnings), "", "</details>"]
     return "\n".join([*lines, ""])

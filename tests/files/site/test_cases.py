@@ -53,7 +53,7 @@ def test_any_text_is_xml(passed):
 
 def test_nothing_to_judge_is_a_file_too():
     assert len(ElementTree.fromstring(junit([]).encode())) == 0
-    assert markdown([]).startswith("# drivetool: no bars\n")
+    assert markdown([]).startswith("# drivetool: 0 checks passed\n")
 
 
 def test_a_public_parser_reads_it(tmp_path):
@@ -71,11 +71,11 @@ def test_a_public_parser_reads_it(tmp_path):
 
 def test_markdown_has_the_machines_the_misses_and_the_warnings():
     text = markdown(CASES)
-    assert text.startswith("# drivetool: 2 of 4 bars missed\n")
+    assert text.startswith("# drivetool: 2 of 4 checks failed\n")
     assert "| press 1 | 2 | 0 | 1 |" in text and "| press 2 | 2 | 2 | 1 |" in text
     assert "- **press 2/01.mcap**, shaft.half\\_gap \\<= 5 mrad: wanted shaft.half\\_gap at most 5 mrad" in text
     assert "first line second line" in text and "<details><summary>Warnings</summary>" in text
-    assert "## Missed" not in markdown(CASES[:1]) and "# drivetool: all 1 bars met" in markdown(CASES[:1])
+    assert "## Failed" not in markdown(CASES[:1]) and "# drivetool: 1 checks passed" in markdown(CASES[:1])
 
 
 def test_a_bar_in_a_name_is_no_column():
