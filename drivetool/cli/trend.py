@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import typer
@@ -10,6 +11,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver
 from drivetool.cli.inputs import Job, check_outputs
 from drivetool.cli.outcomes import guarded
+from drivetool.errors import BadOption
 
 HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
         "day and between days, the drift, steps, and alarms with their dates.")
@@ -38,6 +40,8 @@ def run(job: Job, summary: str, alarm: float) -> int:
     from drivetool.files.trends_file import exhibits_of, summary_input, trends_file
     from drivetool.logs.summary import read_summary
 
+    if not math.isfinite(alarm):
+        raise BadOption("a number for --alarm", str(alarm), "Write for example '--alarm 5'.")
     check_outputs(job)
     findings, found = trends_of(read_summary(summary), alarm)
     exhibits, machines = exhibits_of(found)

@@ -18,6 +18,7 @@ COLUMNS = ("recording", "machine", "start", "order", "step", "parameter", "value
 TEXTS = ("recording", "machine", "step", "parameter", "unit", "status", "kind")
 MAY_BE_EMPTY = ("unit", "status", "kind")  # null is no text there
 MICROSECONDS = 1e6
+FIRST_YEAR, LAST_YEAR = -62135596800.0, 253402300799.0  # of a calendar, 1 and 9999, in s since 1970
 
 
 @dataclass(frozen=True)
@@ -95,6 +96,16 @@ def _table(path: Path, name: str) -> pa.Table:
                        "Give the summary that batch wrote.", names)
 
 
+def _seconds(start: int | None, name: str) -> float | None:
+    """A start in seconds since 1970."""
+    if start is None:
+        return None
+    if not FIRST_YEAR <= start / MICROSECONDS <= LAST_YEAR:
+        raise BadRecording(f"starts between the years 1 and 9999 in {name}", f"{start} microseconds since 1970",
+                           "Correct the clock of that log.")
+    return start / MICROSECONDS
+
+
 def _column(table: pa.Table, column: str, name: str) -> list:
     """The values of a column as Python has them; a start as seconds since 1970."""
     import pyarrow as pa
@@ -104,7 +115,7 @@ def _column(table: pa.Table, column: str, name: str) -> list:
     try:
         values = table.column(column).combine_chunks().cast(target)
         if column == "start":
-            return [None if v is None else v / MICROSECONDS for v in values.cast(pa.int64()).to_pylist()]
+            return [_seconds(v, name) for v in values.cast(pa.int64()).to_pylist()]
         found = values.to_pylist()
     except (pa.ArrowException, ValueError):
         raise BadRecording(f"a column {column} of type {target} in {name}", str(table.schema.field(column).type),

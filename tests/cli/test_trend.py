@@ -165,4 +165,4 @@ def test_what_is_no_summary_is_one_sentence(call, summary, tmp_path):
         assert code == 1 and not out and err.count("\n") == 1 and "wanted the summary of a site" in err
     before = summary.read_bytes()
     assert call("trend", summary, "--out", summary)[0] == 2 and summary.read_bytes() == before
-    assert call("trend", summary, "--alarm", "0")[0] == 2
+    assert call("trend", summary, "--alarm", "0")[0] == call("trend", summary, "--alarm", "nan")[0] == 2

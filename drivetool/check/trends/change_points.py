@@ -17,6 +17,7 @@ FEWEST = FEWEST_BEFORE + FEWEST_AFTER
 # Chance of any change in all the series of a site that do not change. A site is looked at daily, and a false alarm
 # costs a person a walk: one of a hundred sites without a change may have one.
 LEVEL = 0.01
+HALF = 0.5
 MOST_CHANGES = 20  # of one series; what changes more often has no levels
 
 
@@ -81,11 +82,11 @@ def _with_steps(values: np.ndarray, weights: np.ndarray, slope: bool, tests: int
         if not len(places) or model.fit.squares <= 0.0:
             break
         one = _one_more(model, values, weights)
-        found = _new_chances(model, one, len(places) * tests)
+        found = _new_chances(model, one, values, len(places) * tests)
         if max(found.values()) > LEVEL:
             # A change that was put right again is two steps, of which either alone explains little.
             two = _one_more(one, values, weights)
-            found = _new_chances(model, two, len(places) ** 2 // 2 * tests)
+            found = _new_chances(model, two, values, len(places) ** 2 // 2 * tests)
             if two is one or max(found.values()) > LEVEL:
                 break
             one = two
@@ -104,10 +105,19 @@ def _one_more(model: Model, values: np.ndarray, weights: np.ndarray) -> Model:
     return _fitted(values, weights, model.slope, tuple(sorted((*model.cuts, place))))
 
 
-def _new_chances(old: Model, new: Model, looked_at: int) -> dict[int, float]:
+def _new_chances(old: Model, new: Model, values: np.ndarray, looked_at: int) -> dict[int, float]:
     """Place -> chance of each step that the new model has and the old one has not, times what was looked at."""
-    return {cut: min(new.fit.chance(new.first_step + i) * looked_at, 1.0)
+    return {cut: min(new.fit.chance(new.first_step + i) * looked_at, 1.0) if _lasts(new, values, i) else 1.0
             for i, cut in enumerate(new.cuts) if cut not in old.cuts}
+
+
+def _lasts(model: Model, values: np.ndarray, i: int) -> bool:
+    """Whether every recording after a step at the end has made at least half of it: one bad one is no step."""
+    cut, size = model.cuts[i], model.fit.coefficients[model.first_step + i]
+    if len(values) - cut >= FEWEST_BEFORE:
+        return True
+    expected = columns(len(values), model.slope, model.cuts)[cut:] @ model.fit.coefficients
+    return bool(np.all((values[cut:] - expected) * np.sign(size) >= -HALF * abs(size)))
 
 
 def _fitted(values: np.ndarray, weights: np.ndarray, slope: bool, cuts: tuple[int, ...]) -> Model:

@@ -44,12 +44,22 @@ def random_effects(values: np.ndarray, variances: np.ndarray, days: np.ndarray |
                of a single day; then it holds for that day.
     source     Patterson and Thompson 1971 (REML); Hartung and Knapp 2001 (interval by Student's t)
     """
+    size = float(np.max(np.abs(values))) or 1.0  # in whose unit no square is too large or too small
+    found = _mean(values / size, variances / size / size, days)
+    value, inside, between = (None if x is None else x * size for x in (
+        found.value, found.within_day, found.between_days))
+    ci95 = None if found.ci95 is None else (found.ci95[0] * size, found.ci95[1] * size)
+    return RandomEffects(value, ci95, inside, between, found.recordings, found.days)
+
+
+def _mean(values: np.ndarray, variances: np.ndarray, days: np.ndarray | None) -> RandomEffects:
+    """The same of values whose largest one is 1."""
     n = len(values)
     groups = [np.arange(n)] if days is None else [np.flatnonzero(days == day) for day in np.unique(days)]
     count = None if days is None else len(groups)
     if n == 1:
         return RandomEffects(float(values[0]), None, None, None, 1, count)
-    scatter = float(np.var(values)) or max(float(values[0]) ** 2, 1.0) * SMALLEST_VARIANCE
+    scatter = float(np.var(values)) or SMALLEST_VARIANCE
     variances = np.maximum(variances, SMALLEST_VARIANCE * scatter)
     inside = within(values, variances, groups) if any(len(group) > 1 for group in groups) else None
     if len(groups) == 1:

@@ -13,6 +13,7 @@ from drivetool.logs.summary import Row
 DAY = 86400.0  # s
 # A value that was not fitted says nothing of the machine at that time.
 NOT_MEASURED = ("held", "not-identifiable")
+LARGEST = 1e100  # of a value or a std: the square of a larger one is soon none
 # Relative; a summary has values as the files have them, with 10 significant digits.
 EQUAL = 1e-9
 
@@ -79,7 +80,7 @@ def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series
     if not told:
         return None
     starts = [row.start for row in told]
-    stds = [row.std if row.std is not None and np.isfinite(row.std) and row.std > 0.0 else np.nan for row in told]
+    stds = [row.std if row.std is not None and 0.0 < row.std < LARGEST else np.nan for row in told]
     return Series(machine, parameter, step, unit, tuple(row.recording for row in told),
                   None if None in starts else np.array(starts, float), np.array([row.value for row in told], float),
                   np.array(stds, float), len(group) - len(told), kind)
@@ -87,7 +88,7 @@ def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series
 
 def _told(row: Row) -> bool:
     """Whether the row has a value that was fitted to its recording."""
-    return row.value is not None and bool(np.isfinite(row.value)) and row.status not in NOT_MEASURED
+    return row.value is not None and abs(row.value) < LARGEST and row.status not in NOT_MEASURED
 
 
 def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:

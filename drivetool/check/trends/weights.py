@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from drivetool.check.trends.regression import ROUNDING
+
 WINDOW = 5  # recordings of the running median: it keeps a step with three recordings on either side, two at an end
 # Standard deviations from the running median from which on a recording counts less. Of normal values 3 in 1000
 # do; of heavy tails the far ones, which a mean of few recordings would follow.
@@ -22,10 +24,11 @@ def weights_of(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
                little as Huber's function says.
     source     Rice 1984 (variance by differences); Huber 1964 (weights); Hampel 1974 (running median)
     """
+    size = float(np.max(np.abs(values))) or 1.0
+    values, variances = values / size, variances / size / size
     by_differences = float(np.median(np.diff(values) ** 2)) / (2.0 * MEDIAN_OF_CHI2)
     scatter = max(by_differences - float(np.median(variances)), 0.0)
-    whole = variances + scatter
-    weights = 1.0 / whole if np.all(whole > 0.0) else np.ones_like(values)
+    weights = 1.0 / np.maximum(variances + scatter, ROUNDING**2)
     off = np.abs(values - running_median(values)) * np.sqrt(weights)
     scale = float(np.median(off[off > 0.0])) / MEDIAN_TO_STD if np.any(off > 0.0) else 1.0
     weights = weights * np.minimum(1.0, FAR * scale / np.maximum(off, scale))
