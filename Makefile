@@ -64,6 +64,7 @@ fuzz: $(VENV)/ready
 
 fixtures: $(VENV)/ready
 	$(BIN)/python -m tests.make_fixtures fixtures
+	$(BIN)/python -m tests.summaries fixtures/site/summary.parquet
 
 schemas: $(VENV)/ready
 	$(BIN)/python -m drivetool.files.schema schemas

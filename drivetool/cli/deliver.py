@@ -16,20 +16,23 @@ if TYPE_CHECKING:
     from drivetool.files.gains_shapes import GainsFile
     from drivetool.files.inspection import InspectionFile
     from drivetool.files.shapes import ParameterFile, ValidationFile
+    from drivetool.files.trend_shapes import TrendsFile
     from drivetool.identify.estimate import Exhibit
     from drivetool.logs.experiment import Experiment
 
-    Written = ParameterFile | ValidationFile | GainsFile | InspectionFile
+    Written = ParameterFile | ValidationFile | GainsFile | InspectionFile | TrendsFile
 
 WIDE = 160  # columns of a table that nobody sees on a terminal
 
 
-def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool = False) -> int:
+def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool = False,
+            names: Sequence[str] = ()) -> int:
     """Write, print and draw; the exit code.
 
     file      what the step writes
     exhibits  what the pictures show
     per_unit  whether the table of gains is per unit
+    names     of what the pictures show; none: of the recordings
     """
     from drivetool.files.result_file import dump
     from drivetool.files.write import write_whole
@@ -45,7 +48,7 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
         print_table(file, per_unit)
     sys.stdout.flush()
     judged = getattr(file, "options", {}).get("holdout", ())
-    names = [entry.file for entry in getattr(file, "data", ())] + [entry["file"] for entry in judged]
+    names = names or [entry.file for entry in getattr(file, "data", ())] + [entry["file"] for entry in judged]
     pictures = draw(job, exhibits, names)
     passed = getattr(file, "passed", True)
     if not job.quiet:
@@ -73,6 +76,10 @@ def print_table(file: Written, per_unit: bool = False) -> None:
         print_gains(file, console, per_unit)
     elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
+    elif file.step == "trend":
+        from drivetool.files.trends_file import print_trends
+
+        print_trends(file, console)
     elif file.step in ("spectra", "compare"):
         from drivetool.files import analysis_tables
 

@@ -16,6 +16,7 @@ from drivetool.cli import (
     convert,
     diagnose,
     effects,
+    findings,
     greybox,
     inspect,
     record_option,
@@ -23,6 +24,7 @@ from drivetool.cli import (
     simulate,
     spectra,
     steady,
+    trend,
     tune,
     validate,
 )
@@ -31,7 +33,7 @@ from drivetool.cli import (
 COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
             "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
             "diagnose": diagnose, "simulate": simulate, "tune": tune,
-            "effects": effects, "show": show}
+            "trend": trend, "effects": effects, "findings": findings, "show": show}
 
 app = typer.Typer(
     name="drivetool", no_args_is_help=True, rich_markup_mode=None,

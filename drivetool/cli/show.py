@@ -16,8 +16,8 @@ EXAMPLE = "drivetool show greybox.yaml"
 
 def command(
     file: Annotated[str, typer.Argument(
-        metavar="FILE", help="Of parameters (by hand, too), a validation, gains, spectra, a comparison or an "
-        "inspection; - is standard input.")],
+        metavar="FILE", help="Of parameters (by hand, too), a validation, gains, spectra, a comparison, trends or "
+        "an inspection; - is standard input.")],
     debug: cli.Debug = False,
 ) -> None:
     """See HELP."""

@@ -31,6 +31,10 @@ def figure(exhibit: Exhibit) -> Figure:
         from drivetool.files import report_figures
 
         return report_figures.figure(exhibit)
+    if exhibit.kind == "trend":
+        from drivetool.files import trend_picture
+
+        return trend_picture.figure(exhibit)
     if not hasattr(exhibit, "curves") or exhibit.kind.endswith(("nichols", "sensitivity")):
         from drivetool.files.tune_figures import KINDS
 

@@ -18,6 +18,7 @@ from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.covariances import merged
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
 from drivetool.files.text import from_yaml
+from drivetool.files.trend_shapes import TRENDS_SCHEMA, TrendsFile
 from drivetool.files.written import factor, naming, written
 from drivetool.identify.estimate import Covariance
 from drivetool.quantity import ELECTRIC
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from drivetool.files.inspection import InspectionFile
 
     Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
-              | analysis_shapes.ComparisonFile | GainsFile | InspectionFile)
+              | analysis_shapes.ComparisonFile | GainsFile | InspectionFile | TrendsFile)
 
 
 @dataclass(frozen=True)
@@ -203,7 +204,7 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
     name, data = read_bytes(path, stdin)
     raw = from_yaml(data, name)
     others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile, **analysis_shapes.KINDS,
-              INSPECTION_SCHEMA: InspectionFile}
+              INSPECTION_SCHEMA: InspectionFile, TRENDS_SCHEMA: TrendsFile}
     schema = str(raw.get("schema") or "no schema")
     if schema in others:
         return checked.result_file(raw, others[schema], name)

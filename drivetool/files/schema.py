@@ -10,6 +10,7 @@ import msgspec
 
 from drivetool.files import analysis_shapes, shapes
 from drivetool.files.gains_shapes import GainsFile
+from drivetool.files.trend_shapes import TrendsFile
 from drivetool.files.write import write_whole
 
 TITLES = {
@@ -20,6 +21,7 @@ TITLES = {
     "inspection": "drivetool inspection of a log",
     "spectra": "drivetool spectra file",
     "comparison": "drivetool comparison file",
+    "trends": "drivetool trends file",
 }
 
 
@@ -30,7 +32,8 @@ def kinds() -> dict[str, type]:
 
     return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
-            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile}
+            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile,
+            "trends": TrendsFile}
 
 
 def schemas() -> dict[str, str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from drivetool.finding_codes import checks, fits, records, steady, tuning
+from drivetool.finding_codes import checks, fits, records, steady, trends, tuning
 from drivetool.finding_codes.code import Code, Severity
 
 # Stage, in words -> its codes.
@@ -17,6 +17,7 @@ STAGES: Mapping[str, Mapping[str, Code]] = MappingProxyType({
     "Identification": steady.CODES | fits.CODES,
     "Validation and diagnosis": checks.CODES,
     "Controller tuning": tuning.CODES,
+    "Trends over a site": trends.CODES,
 })
 CODES: Mapping[str, Code] = MappingProxyType(
     {code: entry for table in STAGES.values() for code, entry in table.items()})

@@ -1,0 +1,1 @@
+"""Trends over the recordings of a site: means, drifts and change points of each parameter of each machine."""

@@ -1,0 +1,121 @@
+"""The trends of a site as findings, and the one entry: rows of a summary in, findings and trends out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from drivetool.check.trends.change_points import FEWEST
+from drivetool.check.trends.sentences import drift_text, step_text, subject
+from drivetool.check.trends.series import recordings_per_machine, series_of, without_copies
+from drivetool.check.trends.trend import ALARM, Change, Drift, Trend, trends
+from drivetool.errors import Finding
+from drivetool.logs.summary import Row
+
+LISTED = 5  # names in one sentence; the rest is counted
+# Times 1 / root n, the standard deviation of a correlation of independent recordings. One of 700 is beyond.
+CORRELATED = 3.0
+SEE = "Look for what changed at the machine at that time: wear, lubrication, load, temperature or a repair."
+WATCH = "Watch it; a change from which on it counts is set with --alarm."
+
+
+def trends_of(rows: Sequence[Row], alarm: float = ALARM) -> tuple[tuple[Finding, ...], tuple[Trend, ...]]:
+    """What the parameters of every machine of a site do over its recordings.
+
+    rows     of a summary, in any order
+    alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
+    returns  (findings, one Trend per machine, parameter and step). Alarms come first, then what is smaller, each in
+             the order of the series, then remarks on the recordings.
+    """
+    left, copies = without_copies(rows)
+    found = trends(series_of(left), alarm)
+    return (*_changed(found), *_remarks(left, copies, found)), found
+
+
+def _changed(found: Sequence[Trend]) -> list[Finding]:
+    """A finding per step and per drift."""
+    many = Counter((t.series.machine, t.series.parameter) for t in found)
+    alarms, small = [], []
+    for trend in found:
+        series = trend.series
+        step = many[series.machine, series.parameter] > 1
+        if trend.drift is not None and trend.drift.told:
+            text, evidence = drift_text(series, trend.drift, step), _drift_evidence(trend, trend.drift)
+            if trend.drift.alarm:
+                alarms.append(Finding("warning", "trend-alarm", text, evidence, SEE))
+            else:
+                small.append(Finding("note", "small-change", text, evidence, WATCH))
+        for change in trend.changes:
+            text, evidence = step_text(series, change, step), _step_evidence(trend, change)
+            if change.alarm:
+                alarms.append(Finding("warning", "trend-alarm", text, evidence, SEE))
+            else:
+                small.append(Finding("note", "small-change", text, evidence, WATCH))
+    return [*alarms, *small]
+
+
+def _step_evidence(trend: Trend, change: Change) -> dict[str, float | int | str]:
+    series = trend.series
+    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
+            "last_before": series.recordings[change.place - 1], "first_after": series.recordings[change.place],
+            "before": change.before, "after": change.after, "std": change.std, "ratio": change.ratio,
+            "chance": change.chance}
+
+
+def _drift_evidence(trend: Trend, drift: Drift) -> dict[str, float | int | str]:
+    series = trend.series
+    return {"machine": series.machine, "parameter": series.parameter, "step": series.step, "unit": series.unit,
+            "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
+            "after": drift.after, "slope_per_recording": drift.per_recording.value, "std": drift.std,
+            "ratio": drift.ratio, "chance": drift.chance}
+
+
+def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Trend]) -> list[Finding]:
+    """What the recordings do not allow to say."""
+    remarks = []
+    if copies:
+        remarks.append(Finding(
+            "note", "copied-recordings",
+            f"{_listed([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
+            "deviations are equal. The copies are left out.", {"copies": len(copies)},
+            "Take the copies out of the site."))
+    counts = recordings_per_machine(rows)
+    few = {machine: count for machine, count in counts.items() if count < FEWEST}
+    if few:
+        remarks.append(Finding(
+            "note", "few-recordings",
+            f"Fewer than {FEWEST} recordings tell no trend: {_listed([f'{m} has {n}' for m, n in few.items()])}. "
+            "Such a machine has means only.", dict(few), "Record it again on further days."))
+    dateless = list(dict.fromkeys(t.series.machine for t in found if t.series.starts is None))
+    if dateless:
+        remarks.append(Finding(
+            "note", "undated-recordings",
+            f"Not all recordings of {_listed(dateless)} say when they were made. They count in their order; days "
+            "are not told apart.", {"machines": len(dateless)}, "Log absolute times, or name recordings by date."))
+    missing = {subject(t.series): t.series.left_out for t in found if t.series.left_out}
+    if missing:
+        remarks.append(Finding(
+            "note", "values-missing",
+            f"Recordings without a fitted value are left out: "
+            f"{_listed([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
+            "See in the files of these recordings why they have none."))
+    return [*remarks, *_correlated(found)]
+
+
+def _correlated(found: Sequence[Trend]) -> list[Finding]:
+    """Series whose neighbours are alike."""
+    alike = sorted((t for t in found if t.correlation > CORRELATED / len(t.series.values) ** 0.5),
+                   key=lambda t: -t.correlation)
+    if not alike:
+        return []
+    return [Finding(
+        "note", "recordings-correlated",
+        f"Beside steps and drift, neighbouring recordings are alike: "
+        f"{_listed([f'{subject(t.series)} by {t.correlation:.2f}' for t in alike])} (correlation). Intervals and "
+        "tests have it in them.", {"series": len(alike), "largest": alike[0].correlation},
+        "Look for what varies slowly, such as the temperature. Small steps listed there may be parts of it.")]
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - LISTED
+    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")

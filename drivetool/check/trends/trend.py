@@ -1,0 +1,172 @@
+"""What each parameter of each machine does over the recordings of a site: means, drifts, steps, and alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from drivetool.check.trends.change_points import FEWEST, Model, columns, model_of
+from drivetool.check.trends.random_effects import RandomEffects, random_effects
+from drivetool.check.trends.regression import Fit, fit
+from drivetool.check.trends.series import DAY, Series
+from drivetool.check.trends.weights import weights_of
+
+# A change of that many standard deviations of the runs before is worth a walk to the machine. Statistics show far
+# smaller ones with enough recordings, which no one would go to see.
+ALARM = 5.0
+FEWEST_DAYS = 3  # a line over two days leaves nothing to tell its interval by
+TESTS_PER_SERIES = 2  # a drift, and steps
+
+
+@dataclass(frozen=True)
+class Slope:
+    """A slope in the unit of the values per recording or per day, its std and its 95 % interval."""
+
+    value: float
+    std: float
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How a series drifts beside its steps.
+
+    per_recording, per_day  its slopes; per_day None where the days are not known or fewer than three
+    before, after  what the line says at the first and at the last recording
+    std      of the recordings about drift and steps; ratio: whole change over that
+    chance   of such a slope without a drift, for all tests of the site
+    told     whether the series drifts; alarm: whether it does so by at least the bar of an alarm
+    """
+
+    per_recording: Slope
+    per_day: Slope | None
+    before: float
+    after: float
+    std: float
+    ratio: float
+    chance: float
+    told: bool
+    alarm: bool
+
+
+@dataclass(frozen=True)
+class Change:
+    """A step of a series.
+
+    place    of the first recording after it, from 0
+    before, after  the level on both sides: means, or beside a drift the line at the step
+    std      standard deviation of the runs before, since the step before, their drift included
+    runs     their number; ratio: size over std, infinite where they are all equal
+    chance   of such a step without one, for all places and tests of the site
+    alarm    whether the ratio reaches the bar of an alarm
+    """
+
+    place: int
+    before: float
+    after: float
+    std: float
+    runs: int
+    ratio: float
+    chance: float
+    alarm: bool
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A series and what it does.
+
+    mean         over all recordings; parts: of those between the steps, where there are any
+    drift        None where `reason` says why
+    changes      its steps in their order
+    correlation  of neighbours in what steps and drift leave; the intervals have it in them
+    reason       why neither drift nor steps are looked for
+    """
+
+    series: Series
+    mean: RandomEffects
+    parts: tuple[RandomEffects, ...]
+    drift: Drift | None
+    changes: tuple[Change, ...]
+    correlation: float
+    reason: str = ""
+
+
+def trends(series: Iterable[Series], alarm: float = ALARM) -> tuple[Trend, ...]:
+    """The trend of every series of a site.
+
+    series   all that are looked at: the error budget is for all of them together
+    alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
+    returns  one Trend each, in their order. A series of fewer than FEWEST recordings, or of equal values, has a
+             mean only.
+    """
+    series = tuple(series)
+    tests = TESTS_PER_SERIES * sum(not _silent(each) for each in series)
+    return tuple(_trend(each, tests, alarm) for each in series)
+
+
+def _silent(series: Series) -> str:
+    """Why no trend is looked for; empty if it is."""
+    if len(series.values) < FEWEST:
+        return f"fewer than {FEWEST} recordings"
+    return "all values are equal" if series.constant else ""
+
+
+def _trend(series: Series, tests: int, alarm: float) -> Trend:
+    """The trend of one series; tests: in all of the site."""
+    mean = random_effects(series.values, series.variances, series.days)
+    if reason := _silent(series):
+        return Trend(series, mean, (), None, (), 0.0, reason)
+    weights = weights_of(series.values, series.variances)
+    model = model_of(series.values, weights, tests)
+    ends = [0, *model.cuts, len(series.values)]
+    parts = [_part(series, a, b) for a, b in pairwise(ends)] if model.cuts else []
+    return Trend(series, mean, tuple(parts), _drift(series, weights, model, tests, alarm),
+                 _changes(series, model, alarm), model.fit.correlation)
+
+
+def _part(series: Series, a: int, b: int) -> RandomEffects:
+    """The mean of the recordings from place a on, before place b."""
+    days = None if series.days is None else series.days[a:b]
+    return random_effects(series.values[a:b], series.variances[a:b], days)
+
+
+def _changes(series: Series, model: Model, alarm: float) -> tuple[Change, ...]:
+    """The steps of a model with their sizes."""
+    found = []
+    design = columns(len(series.values), model.slope, model.cuts)
+    for i, (cut, chance) in enumerate(zip(model.cuts, model.chances, strict=True)):
+        size = float(model.fit.coefficients[model.first_step + i])
+        after = float(design[cut] @ model.fit.coefficients)
+        runs = series.values[([0, *model.cuts])[i]:cut]
+        std = float(np.std(runs, ddof=1))
+        ratio = abs(size) / std if std > 0.0 else float("inf")
+        found.append(Change(cut, after - size, after, std, len(runs), ratio, chance, ratio >= alarm))
+    return tuple(found)
+
+
+def _drift(series: Series, weights: np.ndarray, model: Model, tests: int, alarm: float) -> Drift:
+    """The slope beside the steps of a model, whether or not the model has one."""
+    n = len(series.values)
+    design = columns(n, True, model.cuts)
+    found = model.fit if model.slope else fit(series.values, weights, design)
+    slope = _slope(found, 1)
+    before = float(found.coefficients[0] + design[0, 1] * slope.value)
+    change = slope.value * (n - 1)
+    ratio = abs(change) / found.std_left if found.std_left > 0.0 else float("inf")
+    return Drift(slope, _per_day(series, weights, design), before, before + change, found.std_left, ratio,
+                 min(found.chance(1) * tests, 1.0), model.slope, model.slope and ratio >= alarm)
+
+
+def _per_day(series: Series, weights: np.ndarray, design: np.ndarray) -> Slope | None:
+    """The slope over time; None where the days do not tell one."""
+    if series.starts is None or len(np.unique(series.days)) < FEWEST_DAYS:
+        return None
+    time = (series.starts - series.starts.mean()) / DAY
+    return _slope(fit(series.values, weights, np.column_stack([design[:, :1], time, design[:, 2:]])), 1)
+
+
+def _slope(found: Fit, j: int) -> Slope:
+    return Slope(float(found.coefficients[j]), float(found.std[j]), found.interval(j))

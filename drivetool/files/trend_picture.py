@@ -1,0 +1,80 @@
+"""The picture of a machine's trends: values with intervals, means between the steps, alarms."""
+
+from __future__ import annotations
+
+from textwrap import shorten
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.check.trends.sentences import between
+from drivetool.check.trends.trend import Change, Trend
+from drivetool.files.look import BLUE, GREY, INK, ORANGE, RED
+from drivetool.identify.results import Z95
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from drivetool.files.trends_file import TrendExhibit
+
+PANEL, WIDTH = 1.9, 8.0  # inches
+HEADROOM = 0.3  # of the range of the values, for two lines of text
+LONGEST = 60  # characters of a machine's name
+
+
+def figure(exhibit: TrendExhibit) -> Figure:
+    """A panel per series over the number of the recording."""
+    from matplotlib.figure import Figure
+
+    n = len(exhibit.trends)
+    drawn = Figure(figsize=(WIDTH, 1.0 + PANEL * n), layout="constrained")
+    axes = drawn.subplots(n, 1, squeeze=False)[:, 0]
+    for axis, trend in zip(axes, exhibit.trends, strict=True):
+        _panel(axis, trend)
+    axes[0].set_title(f"Trends of {shorten(exhibit.title, LONGEST)}")
+    axes[-1].set_xlabel("recording")
+    drawn.align_ylabels(list(axes))
+    return drawn
+
+
+def _panel(axis: Axes, trend: Trend) -> None:
+    """Values with their 95 % intervals, the means, the drift and the steps."""
+    series = trend.series
+    place = np.arange(1, len(series.values) + 1)
+    axis.errorbar(place, series.values, Z95 * np.nan_to_num(series.stds), fmt="o", markersize=3.0, color=INK,
+                  ecolor=GREY, elinewidth=0.8, zorder=3)
+    drift = trend.drift
+    if drift is not None and drift.told:
+        axis.plot(place[[0, -1]], [drift.before, drift.after], color=RED if drift.alarm else ORANGE, zorder=4)
+    else:
+        _means(axis, trend)
+    if trend.changes:
+        axis.margins(y=HEADROOM)
+    for change in trend.changes:
+        _mark(axis, trend, change)
+    axis.set_xlim(0.5, len(place) + 0.5)
+    unit = f" [{series.unit}]" if series.unit else ""
+    axis.set_ylabel(f"{series.parameter}\n{series.step}{unit}", fontsize=8)
+
+
+def _means(axis: Axes, trend: Trend) -> None:
+    """The mean of every part and its 95 % interval."""
+    ends = [0, *(change.place for change in trend.changes), len(trend.series.values)]
+    for a, b, mean in zip(ends[:-1], ends[1:], trend.parts or (trend.mean,), strict=True):
+        across = [a + 0.5, b + 0.5]
+        axis.plot(across, [mean.value] * 2, color=BLUE, zorder=4)
+        if mean.ci95 is not None:
+            axis.fill_between(across, *mean.ci95, color=BLUE, alpha=0.2, linewidth=0)
+
+
+def _mark(axis: Axes, trend: Trend, change: Change) -> None:
+    """A line at the step, red with its figures for an alarm."""
+    colour = RED if change.alarm else ORANGE
+    axis.axvline(change.place + 0.5, color=colour, linewidth=1.2, linestyle="-" if change.alarm else "--")
+    size = "" if np.isinf(change.ratio) else f", {change.ratio:.1f} sd"
+    words = between(trend.series, change.place - 1, change.place).removeprefix("between ")
+    left = change.place < 0.6 * len(trend.series.values)
+    axis.annotate(f"{'alarm' if change.alarm else 'small step'}{size}\n{words}", (change.place + 0.5, 1.0),
+                  xycoords=("data", "axes fraction"), xytext=(4 if left else -4, -2), textcoords="offset points",
+                  fontsize=7, color=colour, va="top", ha="left" if left else "right")

@@ -1,0 +1,39 @@
+"""Codes about the recordings of a site over time: alarms, smaller changes, and what the recordings do not tell."""
+
+from drivetool.finding_codes.code import NOTE, WARNING, Code
+
+CODES = {
+    "copied-recordings": Code(
+        NOTE,
+        "Recordings of one machine have equal values with equal standard deviations: they are copies. One of them "
+        "counts.",
+        "Take the copies out of the site."),
+    "few-recordings": Code(
+        NOTE,
+        "A machine has too few recordings for a trend. Its means are stated; drifts and steps are not looked for.",
+        "Record it again on further days."),
+    "recordings-correlated": Code(
+        NOTE,
+        "Beside the steps and the drift that were found, neighbouring recordings are alike. Intervals and tests "
+        "are widened for it.",
+        "Look for what varies slowly, such as the temperature. Small steps listed there may be parts of it."),
+    "small-change": Code(
+        NOTE,
+        "A parameter of a machine steps or drifts. The change is significant, and smaller than an alarm asks for.",
+        "Watch it. The size of an alarm is set with `--alarm`."),
+    "trend-alarm": Code(
+        WARNING,
+        "A parameter of a machine steps by at least five standard deviations of the runs before. Or it drifts by "
+        "as much, about its line. The change is significant for all series of the site together.",
+        "Look for what changed at the machine at that time: wear, lubrication, load, temperature or a repair."),
+    "undated-recordings": Code(
+        NOTE,
+        "Not all recordings of a machine say when they were made. They count in their order, and days are not told "
+        "apart.",
+        "Log absolute times, or name recordings by date."),
+    "values-missing": Code(
+        NOTE,
+        "Some recordings have no fitted value of a parameter: it was held, not identifiable, or not finite. They "
+        "are left out of its trend.",
+        "See in the files of these recordings why they have none."),
+}

@@ -1,0 +1,34 @@
+"""drivetool findings: the registry of codes on the command line."""
+
+import json
+
+import pytest
+import yaml
+
+from drivetool.finding_codes import CODES
+
+
+def test_all_codes_are_listed_as_they_are_registered(call):
+    code, out, err = call("findings")
+    entries = {e["code"]: e for e in yaml.safe_load(out)["findings"]}
+    assert code == 0 and not err and set(entries) == set(CODES)
+    assert all(entries[name]["meaning"] == c.meaning and tuple(entries[name]["severities"]) == c.severities
+               for name, c in CODES.items())
+    assert json.loads(call("findings", "--json")[1]) == yaml.safe_load(out)
+
+
+def test_one_code_is_told_in_full(call):
+    _, out, _ = call("findings", "trend-alarm")
+    assert yaml.safe_load(out)["action"] == CODES["trend-alarm"].action
+
+
+def test_an_unknown_code_is_refused_with_the_nearest(call):
+    code, out, err = call("findings", "trend-alarms")
+    assert code == 2 and not out and "Did you mean 'trend-alarm'?" in err
+
+
+@pytest.mark.parametrize("words, said", [((), "drivetool findings CODE says"), (("small-change",), "what to do")])
+def test_a_terminal_gets_a_table(call, monkeypatch, words, said):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    code, out, _ = call("findings", *words)
+    assert code == 0 and said in out
