@@ -17,6 +17,7 @@ from drivetool.cli import (
     diagnose,
     effects,
     greybox,
+    init,
     inspect,
     record_option,
     show,
@@ -26,11 +27,12 @@ from drivetool.cli import (
     tune,
     validate,
 )
+from drivetool.cli.batch import command as batch
 
 # In the order in which they are used.
 COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
             "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
-            "diagnose": diagnose, "simulate": simulate, "tune": tune,
+            "diagnose": diagnose, "simulate": simulate, "tune": tune, "init": init, "batch": batch,
             "effects": effects, "show": show}
 
 app = typer.Typer(

@@ -20,17 +20,19 @@ TITLES = {
     "inspection": "drivetool inspection of a log",
     "spectra": "drivetool spectra file",
     "comparison": "drivetool comparison file",
+    "site": "drivetool site file",
 }
 
 
 def kinds() -> dict[str, type]:
     """Kind of file -> its type, as in TITLES."""
     from drivetool.files.inspection import InspectionFile
+    from drivetool.files.site.shapes import SiteFile
     from drivetool.logs.channel_map import ChannelMapFile
 
     return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
-            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile}
+            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile, "site": SiteFile}
 
 
 def schemas() -> dict[str, str]:
