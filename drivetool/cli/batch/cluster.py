@@ -35,7 +35,7 @@ class Cluster:
         mine = numerics()
         numbers = {self.client.submit(remote, task, self.limits, mine, pure=False): i
                    for i, task in enumerate(tasks)}
-        for future in as_completed(list(numbers)):
+        for future in as_completed(list(numbers), loop=self.client.loop):
             if future.status != "finished":
                 error = future.exception() if future.status == "error" else "the connection was lost"
                 if type(error).__name__ != "KilledWorker":

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,12 +48,15 @@ class Worker:
         self.index: int | None = None
         self.began = 0.0
         self.ready = False
-        threading.Thread(target=self._listen, args=(inbox,), daemon=True).start()
+        self.listener = threading.Thread(target=self._listen, args=(inbox,), daemon=True)
+        self.listener.start()
 
     def _listen(self, inbox: queue.Queue[tuple[Worker, Answer | None]]) -> None:
         assert self.process.stdout is not None
-        for line in self.process.stdout:
-            inbox.put((self, json.loads(line)))
+        with self.process.stdout as answers:
+            for line in answers:
+                if line.endswith(b"\n"):  # a line that a death cut off is no answer
+                    inbox.put((self, json.loads(line)))
         self.process.wait()
         inbox.put((self, None))
 
@@ -60,11 +64,9 @@ class Worker:
         """Hand over a task; that the worker has died meanwhile is told by its inbox."""
         self.index, self.began = index, time.monotonic()
         assert self.process.stdin is not None
-        try:
+        with suppress(OSError):
             self.process.stdin.write((json.dumps(task) + "\n").encode())
             self.process.stdin.flush()
-        except OSError:
-            pass
 
     def memory_mb(self) -> float:
         """Resident memory; 0 where the system does not tell."""
@@ -78,6 +80,10 @@ class Worker:
         """End it, whatever it does."""
         self.process.kill()
         self.process.wait()
+        self.listener.join()
+        assert self.process.stdin is not None
+        with suppress(OSError):  # what was not yet handed over has nobody to go to
+            self.process.stdin.close()
 
 
 class Pool:
@@ -120,8 +126,9 @@ class Pool:
         index, worker.index = worker.index, None
         if answer is None:
             self.workers.remove(worker)
+            worker.kill()
             code = worker.process.returncode
-            if not worker.ready:
+            if not worker.ready and code > 0:  # by itself, and so would the next
                 raise DriveToolError("a worker process of drivetool", f"one that ended at its start (code {code})",
                                      "Check the installation: python -m drivetool.cli.batch.worker must run.")
             return [] if index is None else [(index, died(code))]
