@@ -28,7 +28,7 @@ STEADY = Step("steady", "a", "steady", (), (), False, None, {})
 def machine(*kinds):
     """A machine whose recordings are of these kinds, in this order."""
     return Machine("press", tuple(
-        Recording(f"{i}.parquet", RecordingsSection(files="*", kind=kind), f"sha{i}", None, str(i), "press", order=i)
+        Recording(f"{i}.parquet", RecordingsSection(files="*", kind=kind), f"sha{i}", None, f"{i}", "m", order=i)
         for i, kind in enumerate(kinds, 1)))
 
 

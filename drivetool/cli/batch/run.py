@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -164,7 +165,8 @@ def _run(setting: Setting, step: Step, tasks: Sequence[Task], manifest: Manifest
             "seconds": answer.get("seconds"), "peak_memory_mb": answer.get("peak_memory_mb")},
             text, setting.out, manifest)
         tell(step.name, count, len(tasks))
-        setting.say(f"{count} of {len(tasks)}: {task.label}" + (f": {answer['said']}" if text is None else ""))
+        if text is None or not sys.stderr.isatty():  # a person at a terminal has the bar
+            setting.say(f"{count} of {len(tasks)}: {task.label}" + (f": {answer['said']}" if text is None else ""))
 
 
 def _entry(task: Task, line: Mapping[str, Any] | None) -> Entry:
