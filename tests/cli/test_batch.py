@@ -167,6 +167,18 @@ def test_a_full_disk_is_one_sentence_and_nothing_is_lost(here):
     assert run.communicate() == ("", "") and run.returncode == 0
 
 
+def test_names_that_are_no_text_and_results_of_another_batch(here, call):
+    sites.write("logs/press 1/a & <k>.parquet", 1)
+    shutil.copy("logs/press 1/a & <k>.parquet", os.fsdecode(b"logs/press 1/w\xe4rme.parquet"))
+    sites.write_site(here, [{"files": "**/*.parquet"}])
+    assert call("batch", "site.yaml", "--quiet", "--out", "one")[0] in (0, 3)
+    assert call("batch", "site.yaml", "--quiet", "--out", "two")[0] in (0, 3)  # the second name may not be read
+    assert {r["recording"] for r in sites.table("two")} == {
+        "logs/press 1/a & <k>.parquet", "logs/press 1/w\\udce4rme.parquet"}
+    page = Path("two/index.html").read_text()
+    assert 'href="logs/press%201/a%20%26%20%3Ck%3E/steady.yaml"' in page and "a &amp; &lt;k&gt;.parquet" in page
+
+
 def test_recordings_on_the_command_line_with_a_recipe(here, call):
     sites.small(here, count=1)
     Path("recipe.yaml").write_text("schema: drivetool/site/1\nrecipe: [{kind: steady, command: steady}]\n")

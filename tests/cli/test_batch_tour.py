@@ -40,7 +40,8 @@ def test_the_tour_of_three_machines_is_as_by_hand(tmp_path, monkeypatch, call):
     assert code == 0 and "15 results, 15 of them run now, 0 with a problem" in err, err
     for machine in MACHINES:
         for step, name, params, more in TOUR:
-            words = [step, f"logs/{machine}/{name}.parquet", *more.split(), "--quiet", "--out", f"{machine}/{step}.yaml"]
+            words = [step, f"logs/{machine}/{name}.parquet", *more.split(), "--quiet"]
+            words += ["--out", f"{machine}/{step}.yaml"]
             words += [word for earlier in params for word in ("--params", f"{machine}/{earlier}.yaml")]
             subprocess.run([sys.executable, "-m", "drivetool", *words], check=True)
             mine = tmp_path / "site-results/logs" / machine / name / f"{step}.yaml"

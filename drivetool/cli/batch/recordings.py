@@ -9,12 +9,13 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from drivetool.cli.folders import SUFFIXES
 from drivetool.errors import BadParameters
-from drivetool.files.site.manifest import NAME
+from drivetool.files.site.manifest import MARK, NAME
 from drivetool.files.site.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.site.site_file import PLACE
 from drivetool.logs.parquet import natural
@@ -100,9 +101,19 @@ def _matching(pattern: str, folder: Path, out: Path) -> list[str]:
         full = Path(os.path.normpath(folder / each))
         above = [parent for parent in full.parents if parent != folder and not folder.is_relative_to(parent)]
         if (full.suffix.lower() in SUFFIXES and full.is_file() and not full.name.startswith(".")
-                and not full.is_relative_to(out) and not any((parent / NAME).exists() for parent in above)):
+                and not full.is_relative_to(out) and not any(map(_is_of_results, above))):
             paths.append(PurePosixPath(os.path.relpath(full, folder).replace(os.sep, "/")).as_posix())
     return paths
+
+
+@cache
+def _is_of_results(folder: Path) -> bool:
+    """Whether a folder is what a batch has written."""
+    try:
+        with open(folder / NAME, "rb") as stream:
+            return stream.readline().startswith(MARK.encode(), len('{"schema":"'))
+    except OSError:
+        return False
 
 
 def _map_digest(name: str, folder: Path) -> str:
@@ -143,7 +154,17 @@ def machines_of(found: Iterable[Recording], looks: Mapping[tuple[str, str], Mapp
             lost.append(known)
         else:
             groups.setdefault(name, []).append(known)
+    for name, count in Counter(map(safe, groups)).items():
+        if count > 1:
+            raise BadParameters("machines whose names differ in letters or digits",
+                                " and ".join(sorted(n for n in groups if safe(n) == name)),
+                                "Rename one of them: both would have the same folder.")
     return [_ordered(name, groups[name]) for name in sorted(groups, key=lambda n: natural(Path(n)))], lost
+
+
+def safe(name: str) -> str:
+    """A name as a folder may have it."""
+    return "".join(c if c.isalnum() or c in " ._-" else "_" for c in name).lstrip(".") or "_"
 
 
 def _ordered(name: str, recordings: Sequence[Recording]) -> Machine:

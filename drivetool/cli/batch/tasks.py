@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivetool.cli.batch.recipe import Step
-from drivetool.cli.batch.recordings import Machine, Recording, digest
+from drivetool.cli.batch.recordings import Machine, Recording, digest, safe
 from drivetool.errors import BadParameters
 from drivetool.files.site.shapes import NEXT, PREVIOUS
 
@@ -149,11 +149,6 @@ class Maker:
         except OSError as error:
             raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
                                 "Correct the command in the recipe.") from None
-
-
-def safe(name: str) -> str:
-    """A name as a folder may have it."""
-    return "".join(c if c.isalnum() or c in " ._-" else "_" for c in name).lstrip(".") or "_"
 
 
 def newest(outputs: Outputs, step: Step, machine: Machine, order: int) -> tuple[Output, str] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -65,7 +66,8 @@ def _row(machine: str, recording: str, several: Sequence[Entry], missed: Sequenc
     files, codes, fit = [], [], None
     for entry in several:
         path = outputs.get((machine, recording, entry.step))
-        files.append(escape(entry.step) if path is None else f'<a href="{quote(path)}">{escape(entry.step)}</a>')
+        link = "" if path is None else f'<a href="{quote(os.fsencode(path))}">{escape(entry.step)}</a>'
+        files.append(link or escape(entry.step))
         if entry.told is not None:
             codes += [code for _, code, _ in entry.told.findings]
             fit = (entry.told.fit or {}).get(FIT, fit)

@@ -82,6 +82,8 @@ def summary_parquet(table: Sequence[tuple[Any, ...]]) -> bytes:
     for values, kind in zip(columns, COLUMNS.values(), strict=True):
         if kind == "timestamp":
             values = tuple(None if v is None else datetime.fromisoformat(v) for v in values)
+        elif kind == "string":  # bytes of a file name that are no text, escaped
+            values = tuple(None if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values)
         elif kind == "double":
             values = tuple(None if v is None else float(v) for v in values)
         arrays.append(pa.array(values, kinds[kind]))
