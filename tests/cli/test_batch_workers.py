@@ -9,6 +9,7 @@ import threading
 import pytest
 
 from drivetool.cli.batch.pool import Limits, Pool, Worker
+from drivetool.cli.batch.setting import once
 from tests import sites
 
 ENOUGH = Limits(60.0, 2000.0)
@@ -31,13 +32,13 @@ def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
     os.mkfifo("endless.parquet")
     pool = Pool(1, Limits(3.0, 2000.0))
     try:
-        answers = dict(pool.run(looks(here, "good.parquet", "endless.parquet", "later.parquet")))
+        answers = dict(pool.serve(once(looks(here, "good.parquet", "endless.parquet", "later.parquet"))))
         assert answers[0]["metadata"] == answers[2]["metadata"] == {"serial": "7"}
         assert answers[1]["ended"] == "time" and "within 3 s (--time-limit)" in answers[1]["said"]
         pool.limits = ENOUGH
         [victim] = pool.workers
         threading.Timer(1.0, os.kill, (victim.process.pid, signal.SIGKILL)).start()
-        answers = dict(pool.run(looks(here, "endless.parquet", "good.parquet")))
+        answers = dict(pool.serve(once(looks(here, "endless.parquet", "good.parquet"))))
         assert answers[0]["ended"] == "died" and "signal 9, SIGKILL" in answers[0]["said"]
         assert answers[1]["metadata"] == {"serial": "7"}
     finally:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from drivetool.cli.batch.pool import Answer, Limits, Pool
+from drivetool.cli.batch.setting import More, once
 from drivetool.cli.batch.worker import numerics
 from drivetool.errors import BadOption, DriveToolError
 
@@ -25,31 +26,42 @@ class Cluster:
     client: Any
     limits: Limits
 
-    def run(self, tasks: Sequence[dict[str, Any]]) -> Iterator[tuple[int, Answer]]:
-        """Do the tasks; (its number, what came of it) of each as it ends.
+    def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
+        """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
 
         raises  DriveToolError: a worker has other versions, or the connection is lost
         """
         from dask.distributed import as_completed
 
-        mine = numerics()
-        numbers = {self.client.submit(remote, task, self.limits, mine, pure=False): i
-                   for i, task in enumerate(tasks)}
-        for future in as_completed(list(numbers), loop=self.client.loop):
-            if future.status != "finished":
-                error = future.exception() if future.status == "error" else "the connection was lost"
-                if type(error).__name__ != "KilledWorker":
-                    raise DriveToolError("a Dask cluster that does the tasks", f"{type(error).__name__}: {error}",
-                                         "Look at the cluster, then run the same command again: it goes on.")
-                yield numbers[future], _killed()
-                continue
-            answer = future.result()
-            if "numerics" in answer:
-                there = ", ".join(f"{k} {v}" for k, v in answer["numerics"].items() if mine.get(k) != v)
-                raise DriveToolError(
-                    f"workers with {', '.join(f'{k} {v}' for k, v in mine.items())}, as here", f"one with {there}",
-                    "Install the same versions everywhere: results must not depend on who computes them.")
-            yield numbers[future], answer
+        mine, numbers = numerics(), {}
+        ended = as_completed([], loop=self.client.loop)
+
+        def submit() -> None:
+            for number, task in more():
+                future = self.client.submit(remote, task, self.limits, mine, pure=False)
+                numbers[future] = number
+                ended.add(future)
+
+        submit()
+        for future in ended:
+            yield numbers[future], self._answer(future, mine)
+            submit()
+
+    def _answer(self, future: Any, mine: dict[str, str]) -> Answer:
+        """What came of a task; see `serve`."""
+        if future.status != "finished":
+            error = future.exception() if future.status == "error" else "the connection was lost"
+            if type(error).__name__ != "KilledWorker":
+                raise DriveToolError("a Dask cluster that does the tasks", f"{type(error).__name__}: {error}",
+                                     "Look at the cluster, then run the same command again: it goes on.")
+            return _killed()
+        answer = future.result()
+        if "numerics" in answer:
+            there = ", ".join(f"{k} {v}" for k, v in answer["numerics"].items() if mine.get(k) != v)
+            raise DriveToolError(
+                f"workers with {', '.join(f'{k} {v}' for k, v in mine.items())}, as here", f"one with {there}",
+                "Install the same versions everywhere: results must not depend on who computes them.")
+        return answer
 
 
 def _killed() -> Answer:
@@ -66,7 +78,7 @@ def remote(task: dict[str, Any], limits: Limits, expected: dict[str, str]) -> An
         if pool is not None:
             pool.close()
         pool = _here.pool = Pool(1, limits)
-    [(_, answer)] = list(pool.run([task]))
+    [(_, answer)] = list(pool.serve(once([task])))
     return answer
 
 

@@ -11,12 +11,13 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivetool.cli.batch.setting import More
 from drivetool.errors import BadOption, DriveToolError
 
 POLL = 0.1  # s between two looks at the clock and the memory of the workers
@@ -95,22 +96,24 @@ class Pool:
         self.workers: list[Worker] = []
         self.numerics: dict[str, str] = {}
 
-    def run(self, tasks: Sequence[dict[str, Any]]) -> Iterator[tuple[int, Answer]]:
-        """Do the tasks; (its number, what came of it) of each as it ends.
+    def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
+        """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
 
         raises  DriveToolError: workers cannot be started
         """
-        waiting = deque(enumerate(tasks))
-        left = len(tasks)
+        waiting = deque(more())
+        left = len(waiting)
         while left:
             while len(self.workers) < min(self.count, left):
                 self.workers.append(Worker(self.inbox))
             for worker in self.workers:
                 if worker.index is None and waiting:
                     worker.give(*waiting.popleft())
-            ended = [*self._beyond(), *self._heard()]
-            left -= len(ended)
-            yield from ended
+            for each in [*self._beyond(), *self._heard()]:
+                yield each
+                new = more()
+                waiting.extend(new)
+                left += len(new) - 1
 
     def _heard(self) -> list[tuple[int, Answer]]:
         """What the next message says; nothing where none comes soon."""

@@ -2,52 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from drivetool.cli.batch.kept import keep, take_over
-from drivetool.cli.batch.recipe import Step
+from drivetool.cli.batch.agenda import Agenda
 from drivetool.cli.batch.recordings import Machine, Recording, machines_of
-from drivetool.cli.batch.tasks import Maker, Output, Task, reasons, shared
+from drivetool.cli.batch.setting import Setting, once
+from drivetool.cli.batch.tasks import Task, shared
 from drivetool.errors import DriveToolError
 from drivetool.files.site.manifest import Manifest
 from drivetool.files.site.summary import Entry
 from drivetool.files.site.told import Told
 from drivetool.progress import tell
-
-
-class Executor(Protocol):
-    """Whoever does tasks: the pool of this machine, or a cluster."""
-
-    def run(self, tasks: Sequence[dict[str, Any]]) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Do the tasks; (its number, what came of it) of each as it ends."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What a run goes by.
-
-    folder     of the site file, absolute; out: of the results, absolute
-    limits     of a task by how it ends: time [s], memory [MB]
-    numerics   versions that the numbers depend on
-    executor   None: nothing is run, only checked
-    say        takes a line for a person
-    explain    takes a line on why something is run; None: nobody asks
-    """
-
-    folder: Path
-    out: Path
-    steps: tuple[Step, ...]
-    limits: Mapping[str, float]
-    numerics: Mapping[str, str]
-    executor: Executor | None
-    say: Callable[[str], None]
-    explain: Callable[[str], None] | None = None
-    retry: bool = False
 
 
 @dataclass
@@ -76,21 +43,20 @@ def run_site(setting: Setting, found: Sequence[Recording], manifest: Manifest) -
     _look(setting, found, manifest, outcome)
     machines, lost = machines_of(found, manifest.looks)
     _say_order(setting, machines)
-    outputs: dict[tuple[str, str, str], Output] = {}
-    steps = {step.name: step for step in setting.steps}
+    agenda = Agenda(setting, machines, manifest)
+    for number, answer in setting.executor.serve(agenda.more) if setting.executor else agenda.checked():
+        agenda.take(number, answer)
     results: dict[tuple[str, str, str], Entry] = {}
     for step in setting.steps:
-        maker = Maker(setting.folder, os.path.relpath(setting.out, setting.folder).replace(os.sep, "/"), steps,
-                      setting.numerics, outputs)
-        tasks = [task for machine in machines for task in maker.tasks(step, machine)]
+        tasks = [task for stage in agenda.stages if stage.step is step for task in stage.tasks]
         _say_shared(setting, shared(tasks))
-        lines = _do(setting, step, tasks, manifest, outcome)
-        for task, line in zip(tasks, lines, strict=True):
-            key = step.name, task.machine, task.path
-            results[key] = _entry(task, line)
+        for task in tasks:
+            line = agenda.line(task)
+            results[step.name, task.machine, task.path] = _entry(task, line)
             if line is not None and line["sha256"] is not None:
-                outputs[key] = Output(line["sha256"], line["content"])
                 outcome.outputs[task.machine, task.path, step.name] = task.output
+    outcome.undone += agenda.undone
+    outcome.begun = agenda.begun
     outcome.entries = _ordered(setting, machines, lost, results)
     return outcome
 
@@ -103,7 +69,7 @@ def _look(setting: Setting, found: Sequence[Recording], manifest: Manifest, outc
         return
     asked = list(new.values())
     tasks = [{"folder": str(setting.folder), "look": r.path, "map": r.section.map} for r in asked]
-    for count, (index, answer) in enumerate(setting.executor.run(tasks), 1):
+    for count, (index, answer) in enumerate(setting.executor.serve(once(tasks)), 1):
         sha, map_sha = asked[index].look
         manifest.append({"look": sha, "map": map_sha, "start": answer.get("start"),
                          "metadata": answer.get("metadata", {})})
@@ -126,47 +92,6 @@ def _say_shared(setting: Setting, pairs: Sequence[tuple[Task, Task]]) -> None:
 def _few(names: Sequence[str]) -> str:
     """The first three of many."""
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-
-
-def _do(setting: Setting, step: Step, tasks: Sequence[Task], manifest: Manifest, outcome: Outcome,
-        ) -> list[Mapping[str, Any] | None]:
-    """The lines of the tasks of a step, once all that was not done is; None for what cannot be."""
-    waiting = []
-    for task in tasks:
-        why = [] if task.problem else reasons(task, manifest.steps.get(task.output), setting.out, setting.limits,
-                                              setting.retry)
-        if why:
-            waiting.append(task)
-            outcome.undone.append(f"{task.label}: {'; '.join(why)}")
-            if setting.explain:
-                setting.explain(outcome.undone[-1])
-    if setting.executor is not None:
-        known = {line["content"]: line for line in manifest.steps.values() if line["sha256"] is not None}
-        waiting = [task for task in waiting if not take_over(task, known.get(task.content), setting.out, manifest)]
-        while waiting:
-            first = list({task.content: task for task in reversed(waiting)}.values())[::-1]
-            _run(setting, step, first, manifest, outcome)
-            lines = {task.content: manifest.steps[task.output] for task in first}
-            waiting = [task for task in waiting if task not in first
-                       and not take_over(task, lines[task.content], setting.out, manifest)]
-    return [None if task.problem else manifest.steps.get(task.output) for task in tasks]
-
-
-def _run(setting: Setting, step: Step, tasks: Sequence[Task], manifest: Manifest, outcome: Outcome) -> None:
-    """Run tasks, and write down what comes of each as it ends."""
-    assert setting.executor is not None
-    outcome.begun += len(tasks)
-    asked = [{"folder": str(setting.folder), "words": [*task.words, "--quiet", "--out", "-"]} for task in tasks]
-    for count, (index, answer) in enumerate(setting.executor.run(asked), 1):
-        task, text, ended = tasks[index], answer.get("text"), answer.get("ended")
-        keep(task, {
-            "code": answer.get("code"), "problem": None if text is not None else answer["said"], "ended": ended,
-            "limit": setting.limits.get(ended or "", 0.0), "told": answer.get("told"),
-            "seconds": answer.get("seconds"), "peak_memory_mb": answer.get("peak_memory_mb")},
-            text, setting.out, manifest)
-        tell(step.name, count, len(tasks))
-        if text is None or not sys.stderr.isatty():  # a person at a terminal has the bar
-            setting.say(f"{count} of {len(tasks)}: {task.label}" + (f": {answer['said']}" if text is None else ""))
 
 
 def _entry(task: Task, line: Mapping[str, Any] | None) -> Entry:

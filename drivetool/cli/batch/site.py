@@ -12,7 +12,8 @@ from drivetool.cli.batch.command import MEMORY_MB, Asked, out_of, site_of, speak
 from drivetool.cli.batch.pool import Limits, Pool, check_memory_limit
 from drivetool.cli.batch.recipe import steps_of
 from drivetool.cli.batch.recordings import find
-from drivetool.cli.batch.run import Executor, Outcome, Setting, run_site
+from drivetool.cli.batch.run import Outcome, run_site
+from drivetool.cli.batch.setting import Executor, Setting
 from drivetool.cli.batch.worker import numerics
 from drivetool.cli.outcomes import DONE, MISSED, put
 from drivetool.files.site.bars import judge
