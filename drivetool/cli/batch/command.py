@@ -95,10 +95,7 @@ def site_of(asked: Asked) -> tuple[SiteFile, Path, str]:
 
     raises  BadOption: words that do not fit together; BadParameters: see load_site
     """
-    from msgspec.structs import replace
-
-    from drivetool.files.site.shapes import RecordingsSection
-    from drivetool.files.site.site_file import load_site
+    from drivetool.files.site.site_file import load_site, with_recordings
 
     if asked.recipe is None:
         if len(asked.given) > 1 or not asked.given[0].lower().endswith((".yaml", ".yml")):
@@ -118,8 +115,8 @@ def site_of(asked: Asked) -> tuple[SiteFile, Path, str]:
         found = "recordings in it" if site.recordings else f"the kinds {', '.join(kinds)}"
         raise BadOption(f"a recipe of one kind and without recordings in {asked.recipe}", found,
                         "Give the site file alone, which says the kind of each recording.")
-    sections = [RecordingsSection(files=_from(each), kind=kinds[0], map=asked.map) for each in asked.given]
-    return replace(site, recordings=sections), Path.cwd(), asked.recipe
+    patterns = [_from(each) for each in asked.given]
+    return with_recordings(site, patterns, kinds[0], asked.map), Path.cwd(), asked.recipe
 
 
 def _from(given: str) -> str:

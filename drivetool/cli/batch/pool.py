@@ -94,7 +94,6 @@ class Pool:
         self.count, self.limits = count, limits
         self.inbox: queue.Queue[tuple[Worker, Answer | None]] = queue.Queue()
         self.workers: list[Worker] = []
-        self.numerics: dict[str, str] = {}
 
     def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
         """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
@@ -124,7 +123,7 @@ class Pool:
         if worker not in self.workers:  # ended by us
             return []
         if answer is not None and not worker.ready:
-            worker.ready, self.numerics = True, answer["numerics"]
+            worker.ready, worker.began = True, time.monotonic()  # its start is none of the task's time
             return []
         index, worker.index = worker.index, None
         if answer is None:

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from drivetool.errors import BadParameters, nearest
 from drivetool.files import checked, units
 from drivetool.files.shapes import MeasureSection, Shape
@@ -52,6 +54,12 @@ def load_site(path: str | Path) -> SiteFile:
     for index, bar in enumerate(site.bars):
         _check_bar(bar, site.recipe, f"bars[{index}] of {name}")
     return site
+
+
+def with_recordings(site: SiteFile, patterns: Sequence[str], kind: str, channel_map: str | None) -> SiteFile:
+    """A recipe with the recordings that it is done with, all of one kind."""
+    return replace(site, recordings=tuple(
+        RecordingsSection(files=each, kind=kind, map=channel_map) for each in patterns))
 
 
 def _section(item: Any, shape: type[Shape], name: str, where: str) -> None:
