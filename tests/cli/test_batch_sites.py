@@ -8,7 +8,7 @@ import yaml
 
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, Recording
-from drivetool.cli.batch.tasks import Output, judging, newest
+from drivetool.cli.batch.tasks import Maker, Output, judging, newest
 from drivetool.files.site.bars import judge
 from drivetool.files.site.shapes import BarSection, RecordingsSection
 from drivetool.files.site.summary import Entry
@@ -57,6 +57,23 @@ def test_which_recording_judges_another():
     copy = replace(third, sha256=first.sha256)
     twins = Machine("press", (first, copy))
     assert judging("next", twins, first) is None
+
+
+@pytest.mark.parametrize("command, words", [
+    ("validate", ["validate", "3.parquet", "--segment", "1", "--params", "out/1/steady.yaml"]),
+    ("diagnose", ["diagnose", "1.parquet", "--segment", "1", "--params", "out/1/steady.yaml",
+                  "--holdout", "3.parquet"])])
+def test_the_words_of_a_step_that_another_recording_judges(tmp_path, command, words):
+    step = Step("judged", "a", command, ("--segment", "1"), ("steady",), False, "next", {})
+    have = {("steady", "m", "1.parquet"): Output("file", "made of")}
+    maker = Maker(tmp_path, "out", {"steady": STEADY}, {}, have)
+    press = replace(machine("a", "b", "a"), name="m")
+    task = maker.tasks(step, press)[0]
+    assert task.words == words and task.output == "1/judged.yaml"
+    assert task.inputs["recordings"] == (["sha3"] if command == "validate" else ["sha1", "sha3"])
+    assert (task.inputs["params"], task.origins) == ([["steady.yaml", "file"]], ["made of"])
+    joint = maker.tasks(replace(step, joint=True, judge=None), press)
+    assert [t.words[:3] for t in joint] == [[command, "1.parquet", "3.parquet"]]
 
 
 def test_bars():
