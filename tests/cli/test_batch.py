@@ -87,13 +87,13 @@ def test_one_worker_and_two_give_the_same_in_any_time_zone_and_locale(here):
 
 def test_killed_at_any_moment_it_goes_on(here):
     for name in "whole", "killed":
-        sites.small(here / name, count=3)
+        sites.small(here / name, count=2)
         sites.write_site(here / name, recipe=[*sites.RECIPE, {
             "command": "steady --drive one-body --hold motor.viscous", "name": "again", "params": ["steady"]}])
     run = start("batch", "site.yaml", folder=here / "whole")
     assert run.communicate() and run.returncode == 0
     rng, manifest = random.Random(3), here / "killed/site-results/manifest.jsonl"
-    for _ in range(5):
+    for _ in range(3):
         run = start("batch", "site.yaml", "--workers", "2", folder=here / "killed")
         time.sleep(rng.uniform(0.3, 2.5))
         run.send_signal(signal.SIGKILL)
