@@ -29,6 +29,7 @@ from drivetool.cli.main import app
 from drivetool.errors import DriveToolError
 from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.parameter_file import load_parameters
+from drivetool.files.site.site_file import load_site
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md")
@@ -183,6 +184,8 @@ def refused(block: Block, folder: str) -> list[str]:
     try:
         if schema[1] == "channel-map":
             load_channel_map(str(path))
+        elif schema[1] == "site":
+            load_site(path)
         else:
             load_parameters([str(path)]).drive()
     except DriveToolError as error:

@@ -20,7 +20,7 @@ LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__
 FREE = {"numpy", "scipy", "drivetool"} | set(sys.stdlib_module_names)
 FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control", "numba"},
           "drive": {"llvmlite", "numba"},
-          "cli": {"typer", "rich"},
+          "cli": {"typer", "rich", "dask"},
           "files": {"yaml", "rich", "matplotlib", "msgspec", "pyarrow"}}
 
 

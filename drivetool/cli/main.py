@@ -18,6 +18,7 @@ from drivetool.cli import (
     effects,
     findings,
     greybox,
+    init,
     inspect,
     record_option,
     show,
@@ -28,11 +29,12 @@ from drivetool.cli import (
     tune,
     validate,
 )
+from drivetool.cli.batch import command as batch
 
 # In the order in which they are used.
 COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
             "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
-            "diagnose": diagnose, "simulate": simulate, "tune": tune,
+            "diagnose": diagnose, "simulate": simulate, "tune": tune, "init": init, "batch": batch,
             "trend": trend, "effects": effects, "findings": findings, "show": show}
 
 app = typer.Typer(

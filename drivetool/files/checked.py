@@ -36,14 +36,14 @@ def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:
     _known_keys(raw, shapes.ParameterFile, name, "")
     for key, shape in _SECTIONS.items():
         if raw.get(key) is not None:
-            _section(raw[key], shape, name, key)
+            section(raw[key], shape, name, key)
     for key, shape in _LISTS.items():
-        for index, item in enumerate(_as(raw.get(key, []), list, name, key)):
-            _section(item, shape, name, f"{key}[{index}]")
-    for key, item in _as(raw.get("parameters", {}), dict, name, "parameters").items():
+        for index, item in enumerate(of_kind(raw.get(key, []), list, name, key)):
+            section(item, shape, name, f"{key}[{index}]")
+    for key, item in of_kind(raw.get("parameters", {}), dict, name, "parameters").items():
         where = f"parameters.{key}"
         if isinstance(item, dict):
-            _section(item, shapes.ParameterSection, name, where)
+            section(item, shapes.ParameterSection, name, where)
         elif isinstance(item, bool) or not isinstance(item, int | float):
             raise BadParameters(
                 f"a number, or a mapping with value and unit, at {where}", f"{_found(item)} in {name}",
@@ -90,10 +90,10 @@ def _known_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) 
                 nearest(str(key), fields))
 
 
-def _section(raw: Any, shape: type[Shape], name: str, where: str) -> None:
-    """Check one section on its own, so that the message can say which."""
-    _known_keys(_as(raw, dict, name, where), shape, name, where)
-    _convert(raw, shape, name, where)
+def section(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> None:
+    """Check one section on its own, so that the message can say which; form: the schema's name."""
+    _known_keys(of_kind(raw, dict, name, where, form), shape, name, where)
+    _convert(raw, shape, name, where, form)
 
 
 def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> Shape:
@@ -136,12 +136,12 @@ def _at(raw: Any, path: str) -> Any:
     return raw
 
 
-def _as(value: Any, kind: type, name: str, where: str) -> Any:
+def of_kind(value: Any, kind: type, name: str, where: str, form: str = "parameters") -> Any:
     """The value if it is a mapping or a list, as wanted."""
     if not isinstance(value, kind):
         raise BadParameters(f"a {'mapping' if kind is dict else 'list'} at {where}",
                             f"{_found(value)} in {name}",
-                            "Correct the file; schemas/parameters.json has its full form.")
+                            f"Correct the file; schemas/{form}.json has its full form.")
     return value
 
 

@@ -22,17 +22,19 @@ TITLES = {
     "spectra": "drivetool spectra file",
     "comparison": "drivetool comparison file",
     "trends": "drivetool trends file",
+    "site": "drivetool site file",
 }
 
 
 def kinds() -> dict[str, type]:
     """Kind of file -> its type, as in TITLES."""
     from drivetool.files.inspection import InspectionFile
+    from drivetool.files.site.shapes import SiteFile
     from drivetool.logs.channel_map import ChannelMapFile
 
     return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
-            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile,
+            "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile, "site": SiteFile,
             "trends": TrendsFile}
 
 

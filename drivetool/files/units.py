@@ -56,6 +56,15 @@ _REPLACED = {"kgm": "kg m", "kgcm": "kg cm", "kgmm": "kg mm",
              "²": "^2", "³": "^3", "·": "*", "µ": "u", "μ": "u", "°": "deg"}
 
 
+def is_known(unit: str) -> bool:
+    """Whether a unit can be read."""
+    try:
+        _parse(unit)
+    except ValueError:
+        return False
+    return True
+
+
 def factor(unit: str, wanted: str, what: str) -> float:
     """What a number in `unit` is multiplied with to be in `wanted`.
 

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 COLUMNS = ("recording", "machine", "start", "order", "step", "parameter", "value", "unit", "std", "status", "kind")
-TEXTS = ("recording", "machine", "step", "parameter", "unit", "status", "kind")
-MAY_BE_EMPTY = ("unit", "status", "kind")  # null is no text there
+FINDINGS = "findings"  # codes, apart by blanks; a summary by another hand may have none
+TEXTS = ("recording", "machine", "step", "parameter", "unit", "status", "kind", FINDINGS)
+MAY_BE_EMPTY = ("unit", "status", "kind", FINDINGS)  # null is no text there
 MICROSECONDS = 1e6
 FIRST_YEAR, LAST_YEAR = -62135596800.0, 253402300799.0  # of a calendar, 1 and 9999, in s since 1970
 
@@ -29,7 +30,7 @@ class Row:
     start   when the recording began, in seconds since 1970 (UTC); None where its log does not say
     order   its place among the recordings of the machine
     value, std  in `unit`; None where there is none, parameter too
-    kind    what was recorded, in a word of the site file
+    kind    what was recorded, in a word of the site file; findings: codes of what the step said
     """
 
     recording: str
@@ -43,6 +44,7 @@ class Row:
     std: float | None
     status: str = ""
     kind: str = ""
+    findings: tuple[str, ...] = ()
 
 
 def read_summary(path: Path | str) -> list[Row]:
@@ -56,7 +58,8 @@ def read_summary(path: Path | str) -> list[Row]:
     if not table.num_rows:
         raise BadRecording(f"rows in {name}", "none", "Fit recordings first.")
     columns = [_column(table, column, name) for column in COLUMNS]
-    rows = [Row(*values) for values in zip(*columns, strict=True)]
+    said = _column(table, FINDINGS, name) if FINDINGS in table.column_names else [""] * table.num_rows
+    rows = [Row(*values, tuple(codes.split())) for *values, codes in zip(*columns, said, strict=True)]
     once(rows, name)
     return rows
 
@@ -85,7 +88,7 @@ def _table(path: Path, name: str) -> pa.Table:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = Counter(file.schema_arrow.names)
             if all(names[column] == 1 for column in COLUMNS):
-                return file.read(columns=list(COLUMNS))
+                return file.read(columns=[*COLUMNS, *([FINDINGS] if names[FINDINGS] == 1 else [])])
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise BadRecording(f"the summary of a site in Parquet in {name}",
                            f"something else ({str(problem).splitlines()[0].split('. ')[0][:100]})",

@@ -13,6 +13,8 @@ from drivetool.logs.summary import Row
 DAY = 86400.0  # s
 # A value that was not fitted says nothing of the machine at that time.
 NOT_MEASURED = ("held", "not-identifiable")
+# Where a recording turns one way, a friction stands for the sum of both: no value of a series of one of them.
+TOGETHER, SUMMED = "idle-and-coulomb-together", (".idle_torque", ".coulomb")
 LARGEST = 1e100  # of a value or a std: the square of a larger one is soon none
 # Relative; a summary has values as the files have them, with 10 significant digits.
 EQUAL = 1e-9
@@ -88,7 +90,8 @@ def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series
 
 def _told(row: Row) -> bool:
     """Whether the row has a value that was fitted to its recording."""
-    return row.value is not None and abs(row.value) < LARGEST and row.status not in NOT_MEASURED
+    summed = TOGETHER in row.findings and (row.parameter or "").endswith(SUMMED)
+    return row.value is not None and abs(row.value) < LARGEST and row.status not in NOT_MEASURED and not summed
 
 
 def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:

@@ -1,0 +1,109 @@
+"""From the commands of a recipe to steps whose options are known, before anything runs."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from drivetool.errors import BadParameters, nearest
+from drivetool.files.site.shapes import SiteFile, StepSection
+from drivetool.files.site.site_file import step_name
+
+# The commands that read recordings and write one file.
+COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", "diagnose")
+# What a batch says itself, and pictures and pages, which it does not write.
+TAKEN = ("out", "json", "plot", "report", "quiet", "explain")
+# Not part of what a result depends on.
+NO_INPUT = ("logs", "params", "map", "debug", "holdout", *TAKEN)
+A_LOG = "recording"  # stands for the recordings where the words are checked
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the recipe.
+
+    name     what its files are called
+    command  first word; words: the others as typed
+    params   names of the earlier steps whose files go in
+    by_hand  parameter files that the words name; map: the channel map, if they name one
+    options  every option with its value, given or not
+    files    files that options name, from the folder of the site file
+    judge    next, previous, a kind, or None
+    """
+
+    name: str
+    kind: str
+    command: str
+    words: tuple[str, ...]
+    params: tuple[str, ...]
+    joint: bool
+    judge: str | None
+    options: Mapping[str, Any]
+    by_hand: tuple[str, ...] = ()
+    map: str | None = None
+    files: tuple[str, ...] = ()
+
+
+def steps_of(site: SiteFile, folder: Path, name: str) -> tuple[Step, ...]:
+    """The steps of a recipe.
+
+    folder  of the site file; name: of the file, for messages
+    raises  BadParameters: an unknown command or option, or one that a batch sets itself
+    """
+    return tuple(_step(section, folder, f"recipe[{i}] of {name}") for i, section in enumerate(site.recipe))
+
+
+def _step(section: StepSection, folder: Path, where: str) -> Step:
+    try:
+        command, *words = shlex.split(section.command)
+    except ValueError as error:
+        raise BadParameters(f"a command as typed in a shell at {where}", f"'{section.command}' ({error})",
+                            "Close the quotation mark.") from None
+    if command not in COMMANDS:
+        raise BadParameters(f"a step that a batch can do at {where}", f"'{command}'", nearest(command, COMMANDS))
+    given = ["--params", "-"] if section.params else []
+    asked = _parsed(command, [A_LOG, *words, *given], section.command, where)
+    if asked["logs"] != [A_LOG]:
+        raise BadParameters(f"a command without recordings at {where}", f"'{' '.join(asked['logs'][1:])}' in it",
+                            "Leave it out; kind says which recordings the step reads.")
+    plain = _parsed(command, [A_LOG, "--params", "-"], command, where)
+    for option in TAKEN:
+        if option in asked and asked[option] != plain[option]:
+            raise BadParameters(f"no --{option} at {where}", f"'{section.command}'",
+                                "Leave it out: a batch names the files itself, and draws no pictures.")
+    options = {key: _plain(value) for key, value in asked.items() if key not in NO_INPUT}
+    words_in = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
+    files = tuple(text for text in dict.fromkeys(words_in)
+                  if isinstance(text, str) and os.path.isfile(folder / text))
+    by_hand = tuple(each for each in asked["params"] if each != "-")
+    held_out = tuple(asked.get("holdout") or ())
+    return Step(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
+                section.judge, options, by_hand, asked["map"], (*files, *held_out))
+
+
+def _parsed(command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
+    """The options of a command line, as the command would get them."""
+    import typer
+
+    from drivetool.cli.main import app
+
+    parser: Any = typer.main.get_command(app)
+    try:
+        return dict(parser.commands[command].make_context(command, list(words)).params)
+    except Exception as error:  # of click, or of the click inside newer versions of typer
+        if not hasattr(error, "format_message"):
+            raise
+        raise BadParameters(f"a command as drivetool takes it at {where}", f"'{typed}': {error.format_message()}",
+                            f"See drivetool {command} --help.") from None
+
+
+def _plain(value: Any) -> Any:
+    """As JSON holds it."""
+    if isinstance(value, Enum):
+        return value.value
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,149 @@
+"""One run of `drivetool batch`: from the words to the results and the exit code."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivetool.cli.batch.command import MEMORY_MB, Asked, out_of, site_of, speaker
+from drivetool.cli.batch.pool import Limits, Pool, check_memory_limit
+from drivetool.cli.batch.recipe import steps_of
+from drivetool.cli.batch.recordings import find
+from drivetool.cli.batch.run import Outcome, run_site
+from drivetool.cli.batch.setting import Executor, Setting
+from drivetool.cli.batch.worker import numerics
+from drivetool.cli.outcomes import DONE, MISSED, put
+from drivetool.files.site.bars import judge
+from drivetool.files.site.cases import Case, junit, markdown
+from drivetool.files.site.index_page import index_page
+from drivetool.files.site.manifest import open_manifest, read_manifest
+from drivetool.files.site.summary import rows, summary_csv, summary_parquet
+from drivetool.files.write import check_folder, check_target, write_whole
+
+if TYPE_CHECKING:
+    from drivetool.files.site.shapes import SiteFile
+
+SUMMARY, TABLE, PAGE, TRENDS = "summary.parquet", "summary.csv", "index.html", "trends.yaml"
+MOST_SAID = 10  # missed bars that are said on standard error; all are in the files
+
+
+def run(asked: Asked) -> int:
+    """Do a site, or check it; the exit code."""
+    site, folder, name = site_of(asked)
+    out = out_of(asked, folder, name)
+    check_folder(out)
+    for path in filter(None, (asked.junit, asked.markdown)):
+        check_target(path)
+    check_memory_limit(asked.memory_limit is not None)
+    steps = steps_of(site, folder, Path(name).name)
+    limits = Limits(asked.time_limit, asked.memory_limit or MEMORY_MB)
+    found = find(site, folder, out)
+    say = speaker(asked)
+
+    def setting(executor: Executor | None) -> Setting:
+        explain = (lambda text: put(f"{text}\n")) if asked.explain else None
+        bounds = {"time": limits.seconds, "memory": limits.memory_mb}
+        return Setting(folder, out, steps, bounds, numerics(), executor, say, explain, asked.retry)
+
+    if asked.verify:
+        return _verified(asked, run_site(setting(None), found, read_manifest(out)), site, out)
+    with _executor(asked, limits) as executor:
+        manifest = open_manifest(out)
+        try:
+            outcome = run_site(setting(executor), found, manifest)
+        finally:
+            manifest.close()
+    cases = judge(outcome.entries, site.bars)
+    for path, content in _files(outcome, cases).items():
+        write_whole(out / path, content)
+    write_whole(out / TRENDS, _trends(out, say))
+    _write_verdicts(asked, cases)
+    problems = sum(entry.problem is not None for entry in outcome.entries)
+    say(f"{len(found)} recordings; {len(outcome.entries)} results, {outcome.begun} of them run now, {problems} "
+        f"with a problem; wrote {os.path.relpath(out)}")
+    return _verdict(asked, cases)
+
+
+def _files(outcome: Outcome, cases: Sequence[Case]) -> dict[str, str | bytes]:
+    """The files of the whole site; the same for the same results, but for the cost of the run."""
+    table = rows(outcome.entries)
+    return {SUMMARY: summary_parquet(table), TABLE: summary_csv(table),
+            PAGE: index_page(outcome.entries, cases, outcome.outputs)}
+
+
+def _trends(out: Path, say: Callable[[str], None]) -> str:
+    """The trends file of the summary that was written; alarms are said."""
+    from drivetool.check.trends.findings import trends_of
+    from drivetool.check.trends.trend import ALARM
+    from drivetool.files.result_file import dump
+    from drivetool.files.trends_file import trends_file
+    from drivetool.logs.summary import read_summary
+
+    findings, found = trends_of(read_summary(out / SUMMARY))
+    for finding in findings:
+        if finding.severity != "note":
+            say(f"{finding.severity}: {finding.text}")
+    # Without the checksum of the summary, which has the cost of the run in it.
+    return dump(trends_file(findings, found, {"alarm": ALARM}))
+
+
+def _write_verdicts(asked: Asked, cases: Sequence[Case]) -> None:
+    for path, form in ((asked.junit, junit), (asked.markdown, markdown)):
+        if path:
+            write_whole(path, form(cases))
+
+
+def _verdict(asked: Asked, cases: Sequence[Case]) -> int:
+    """Say what was missed; the exit code."""
+    missed = [case for case in cases if not case.passed]
+    say = speaker(asked)
+    for case in missed[:MOST_SAID]:
+        say(f"missed: {' '.join(filter(None, (case.machine, case.recording)))}: {case.text}")
+    if len(missed) > MOST_SAID:
+        say(f"missed: {len(missed) - MOST_SAID} more, see {PAGE}")
+    return MISSED if missed else DONE
+
+
+def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> int:
+    """Say what does not hold; the exit code."""
+    cases = judge(outcome.entries, site.bars)
+    wrong = list(outcome.undone)
+    if not wrong:
+        for path, content in _files(outcome, cases).items():
+            data = content.encode() if isinstance(content, str) else content
+            try:
+                same = (out / path).read_bytes() == data
+            except OSError:
+                same = False
+            wrong += [] if same else [f"{path}: it is not what the results give"]
+    if not wrong:
+        same = (out / TRENDS).is_file() and (out / TRENDS).read_text() == _trends(out, speaker(asked))
+        wrong += [] if same else [f"{TRENDS}: it is not what the summary gives"]
+    for line in wrong:
+        put(f"{line}\n")
+    speaker(asked)(f"{len(wrong)} results do not hold" if wrong else f"all {len(outcome.entries)} results hold")
+    return MISSED if wrong else _verdict(asked, cases)
+
+
+@contextmanager
+def _executor(asked: Asked, limits: Limits) -> Iterator[Executor]:
+    """The pool of this machine, or the cluster; ended whatever happens."""
+    if asked.scheduler is not None:
+        from drivetool.cli.batch.cluster import cluster
+
+        with cluster(asked.scheduler, limits) as remote:
+            yield remote
+        return
+    pool = Pool(asked.workers or _cores(), limits)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

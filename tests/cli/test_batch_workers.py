@@ -1,0 +1,77 @@
+"""Workers that die, never end or take too much: a row with a sentence, and the pool goes on."""
+
+import os
+import queue
+import signal
+import sys
+import threading
+
+import pytest
+
+from drivetool.cli.batch.pool import Limits, Pool, Worker
+from drivetool.cli.batch.setting import once
+from tests import sites
+
+ENOUGH = Limits(60.0, 2000.0)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def looks(folder, *names):
+    return [{"folder": str(folder), "look": name, "map": None} for name in names]
+
+
+def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
+    """A pipe that nobody writes to is a recording that never ends."""
+    for name in "good.parquet", "later.parquet":
+        sites.write(name, 1, metadata={"serial": "7"})
+    os.mkfifo("endless.parquet")
+    pool = Pool(1, Limits(8.0, 2000.0))
+    try:
+        answers = dict(pool.serve(once(looks(here, "good.parquet", "endless.parquet", "later.parquet"))))
+        assert answers[0]["metadata"] == answers[2]["metadata"] == {"serial": "7"}
+        assert answers[1]["ended"] == "time" and "within 8 s (--time-limit)" in answers[1]["said"]
+        pool.limits = ENOUGH
+        [victim] = pool.workers
+        threading.Timer(1.0, os.kill, (victim.process.pid, signal.SIGKILL)).start()
+        answers = dict(pool.serve(once(looks(here, "endless.parquet", "good.parquet"))))
+        assert answers[0]["ended"] == "died" and "signal 9, SIGKILL" in answers[0]["said"]
+        assert answers[1]["metadata"] == {"serial": "7"}
+    finally:
+        pool.close()
+
+
+def test_limits_are_rows_and_higher_ones_are_tried(here, call):
+    sites.small(here, count=1)
+    code, _, err = call("batch", "site.yaml", "--time-limit", "0.001", "--workers", "1")
+    assert code == 3 and "2 with a problem" in err
+    assert [r["problem"] for r in sites.table("site-results")] == [
+        "wanted an end within 0.001 s (--time-limit); found it still at work. Allow more, or make the recording "
+        "shorter."] * 2
+    assert "0 of them run now" in call("batch", "site.yaml", "--time-limit", "0.001")[2]
+    assert "2 of them run now" in call("batch", "site.yaml", "--time-limit", "0.001", "--retry")[2]
+    code, _, err = call("batch", "site.yaml", "--explain")
+    assert code == 0 and "2 of them run now" in err
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the memory of a process is told by Linux")
+def test_too_much_memory(here, call):
+    sites.small(here, count=1)
+    code, *_ = call("batch", "site.yaml", "--memory-limit", "1")
+    assert code == 3
+    assert all("at most 1 MB of memory (--memory-limit)" in r["problem"] for r in sites.table("site-results"))
+    assert call("batch", "site.yaml")[0] == 0
+
+
+def test_a_worker_ends_with_its_parent(here):
+    """Its input ends, whatever it is at."""
+    os.mkfifo("endless.parquet")
+    worker = Worker(queue.Queue())
+    worker.give(0, looks(here, "endless.parquet")[0])
+    worker.process.stdin.close()
+    assert worker.process.wait(30) == 0
+    worker.kill()

@@ -1,0 +1,57 @@
+"""drivetool init: a first site file that runs."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from drivetool.files.site.site_file import load_site
+from tests import sites
+from tests.places import RIG
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_recordings_of_one_kind(here, call):
+    sites.small(here, count=2).unlink()
+    code, out, err = call("init", "logs")
+    assert (code, out) == (0, "") and "run: drivetool batch site.yaml" in err
+    text = Path("site.yaml").read_text()
+    assert "seen: press1, press2" in text and "motor_torque [Nm]" in text
+    site = load_site("site.yaml")
+    assert [(r.files, r.kind) for r in site.recordings] == [("logs/**/*.parquet", "recording")]
+    assert [step.command for step in site.recipe] == ["steady"]
+    assert call("batch", "site.yaml")[0] == 0
+    code, _, err = call("init", "logs")
+    assert code == 2 and "a file that is not there yet" in err and Path("site.yaml").read_text() == text
+
+
+def test_recordings_of_known_kinds_get_the_usual_chain(here, call):
+    for press in "press1", "press2":
+        Path("logs", press).mkdir(parents=True)
+        for name in "steady", "steps", "gap", "gap_holdout":
+            shutil.copy(RIG / f"{name}.parquet", f"logs/{press}")
+    code, out, err = call("init", "logs", "--out", "-")
+    assert code == 0, err
+    content = yaml.safe_load(out)
+    assert [r["kind"] for r in content["recordings"]] == ["gap_holdout", "steady", "steps", "gap"]
+    assert [(s["command"], s.get("params", [])) for s in content["recipe"]] == [
+        ("steady", []), ("blackbox", ["steady"]), ("greybox", ["steady", "blackbox"]),
+        ("backlash --free all", ["greybox"]), ("validate", ["backlash"])]
+
+
+def test_channels_without_roles_ask_for_a_map(here, call):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    Path("logs/m").mkdir(parents=True)
+    pq.write_table(pa.table({"t": [0.0, 0.1], "i act": [1.0, 2.0]}), "logs/m/it's.parquet")
+    _, out, _ = call("init", "logs/m", "-o", "-")
+    assert yaml.safe_load(out)["recordings"][0]["map"] == "map.yaml" and "i act [?]" in out
+    code, _, err = call("init", "nowhere")
+    assert code == 2 and "no nowhere" in err
