@@ -59,7 +59,7 @@ def read_summary(path: Path | str) -> list[Row]:
         raise BadRecording(f"rows in {name}", "none", "Fit recordings first.")
     columns = [_column(table, column, name) for column in COLUMNS]
     said = _column(table, FINDINGS, name) if FINDINGS in table.column_names else [""] * table.num_rows
-    rows = [Row(*values, tuple(codes.split())) for *values, codes in zip(*columns, said, strict=True)]
+    rows = [Row(*values, findings=tuple(codes.split())) for *values, codes in zip(*columns, said, strict=True)]
     once(rows, name)
     return rows
 

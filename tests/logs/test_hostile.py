@@ -89,7 +89,7 @@ CASES = {
                                                      {"motor_angle": "counts"}),
                                      "counts per revolution of motor_angle", "to its role, for example `per_rev"),
     "a torque in a unit of speed": (lambda: parquet(units={"motor_torque": "rpm"}), "'rpm', a unit of speed",
-                                    "a unit of speed (available: Nm, mNm, kNm, N, kN, A, mA, kA, V, mV, %, 1)"),
+                                    "a unit of speed (available: Nm, mNm, kNm, N, kN, A, mA, kA, V, mV, kV, %, 1)"),
     "a unit that is no text": (lambda: parquet(units={"motor_torque": b"\xff\xfe"}), "the unknown unit",
                                "a unit of torque for motor_torque"),
     "a unit of time that is no text": (lambda: parquet(units={"time": b"\xff\xfe"}), None, "a unit of time for"),
