@@ -32,7 +32,8 @@ def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterio
 def _used_by_steady(experiments: Sequence[Experiment], drive: Drive) -> set[str]:
     """The torque and a motor's motion; of two bodies what is between them, and the motion behind it."""
     common = set.intersection(*(set(e.signals) for e in experiments))
-    used = {"motor_torque", *VOLTAGES, *[r for r in AT_MOTOR if r in common][:1]}
+    fed = VOLTAGES if drive.value(f"{drive.bodies[0]}.magnetizing_inductance") else ()
+    used = {"motor_torque", *fed, *[r for r in AT_MOTOR if r in common][:1]}
     if len(drive.bodies) == 2 and "shaft_torque" in common:
         used |= {"shaft_torque", *[r for r in ("load_speed", "load_angle") if r in common][:1]}
     return used

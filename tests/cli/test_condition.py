@@ -13,7 +13,7 @@ from drivetool.errors import BadRecording
 from tests.cli.test_simulate import fixture_file
 
 # These show or pass on what was logged; nothing may be changed there.
-AS_LOGGED = {"inspect", "convert"}
+AS_LOGGED = {"inspect", "convert", "init"}
 READING = [name for name, module in main.COMMANDS.items()
            if {"log", "logs"} & set(inspect.signature(module.command).parameters) and name not in AS_LOGGED]
 STEPS = ["despike", "lowpass cutoff=120"]

@@ -12,7 +12,7 @@ import yaml
 from mcap.writer import Writer
 from scipy.linalg import expm
 
-from drivetool.logs.roles import ROLES
+from drivetool.logs.roles import ROLES, quantity
 
 N, STEP = 3000, 1e-3
 # Two motors on one line, and a turntable behind a gear; what is behind the gear counts there.
@@ -111,7 +111,7 @@ def test_every_sensor_enters(place, call):
 TWO = {"schema": "drivetool/parameters/1", "drive": {"name": "two-mass"}, "parameters": {
     "motor.inertia": {"value": 0.02}, "load.inertia": {"value": 0.03}, "shaft.stiffness": {"value": 900.0},
     "shaft.damping": {"value": 0.3}, "motor.viscous": {"value": 0.05}, "load.viscous": {"value": 0.05}}}
-SI = {"torque": "Nm", "speed": "rad/s", "angle": "rad"}
+SI = {"torque": "Nm", "speed": "rad/s", "angle": "rad", "voltage": "V", "frequency": "Hz"}
 NAMES = [*ROLES, "gear_speed", "gear_angle", "shaft2_torque"]
 USED = {
     "steady": {"motor_torque", "motor_speed", "shaft_torque", "load_speed"},
@@ -148,13 +148,13 @@ def every_role(path, kind, step, hold, seed=1):
     signals = {r: v + 1e-3 * rng.standard_normal(n) for r, v in signals.items()}
     if kind == "parquet":
         fields = [pa.field("time", pa.float64(), metadata={"unit": "s"}),
-                  *(pa.field(r, pa.float64(), metadata={"unit": SI[r.rpartition("_")[2]]}) for r in signals)]
+                  *(pa.field(r, pa.float64(), metadata={"unit": SI[quantity(r)]}) for r in signals)]
         pq.write_table(pa.table([np.arange(n) * step, *signals.values()], schema=pa.schema(fields)), path)
         return
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
-        properties = {r: {"type": "number", "unit": SI[r.rpartition("_")[2]]} for r in signals}
+        properties = {r: {"type": "number", "unit": SI[quantity(r)]} for r in signals}
         sid = writer.register_schema("drive", "jsonschema", json.dumps(
             {"type": "object", "properties": properties}).encode())
         channel = writer.register_channel("/drive", "json", sid)

@@ -15,7 +15,8 @@ from tests.simulator.machine import machine_by_seed
 pytestmark = pytest.mark.usefixtures("code_for_any_size")
 MACHINE = machine_by_seed(5)
 RECORD = linear_record(MACHINE, 51, 1.0)
-OWNER = {"body": "motor", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction"}
+OWNER = {"body": "motor", "shaft": "shaft", "path": "converter", "sensor": "sensor", "friction": "friction",
+         "motor": "motor"}
 SHAPE = ["motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping"]
 
 

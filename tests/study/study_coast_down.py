@@ -1,8 +1,9 @@
-"""Coverage and scatter of coast-downs by counts: ratios, a stretch under torque, an added inertia, breakaway.
+"""Coverage and scatter of coast-downs by counts: ratios, a scale by torque, supply or an added inertia, breakaway.
 
 And a model of one run-down, judged by others from higher speeds, and by those of a drive with a drag besides.
 
     python -m tests.study.study_coast_down 200
+    python -m tests.study.study_coast_down 60 supplied
 """
 
 from __future__ import annotations
@@ -17,7 +18,10 @@ from drivetool.check.validation.validate_run_down import Model, validate_run_dow
 from drivetool.drive.chain import one_body
 from drivetool.identify.options import Options
 from drivetool.identify.steady import steady
+from drivetool.identify.supply import as_stator_voltages
 from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recording
+from tests.induction import ELECTRICAL, Machine, switched
+from tests.simulator.induction import up_and_down
 
 PAPER, ADDED, SPEED = Motor(), 5e-5, 5.0
 HOW = Options(method="coast-down")
@@ -39,6 +43,15 @@ def driven(seed, angles):
     e = angles["driven"]
     cut = {"motor_torque": e.signals["motor_torque"][first:], "motor_angle": counts(angles["turned"][first:], seed)}
     return [recording(seed, **cut)], one_body(), HOW, VALUES
+
+
+def supplied(seed, angles):
+    """Run up by an induction motor from rest, switched off, run down; by what its converter says."""
+    first, e = int(np.random.default_rng(seed).integers(0, 400)), angles["switched"]
+    signals = {name: values[first:] for name, values in e.signals.items()}
+    cut = recording(seed, **signals | {"motor_angle": counts(angles["up and down"][first:], seed)})
+    experiments, drive = as_stator_voltages([cut], one_body().with_values(ELECTRICAL), off_too=True)
+    return experiments, drive, HOW, VALUES
 
 
 def added(seed, angles):
@@ -85,7 +98,10 @@ def judged(n: int) -> None:
               f"speed {np.median(speed):.2g} ({speed.max():.2g}) rpm", flush=True)
 
 
-def main(n: int) -> None:
+CASES = {case.__name__: case for case in (plain, driven, supplied, added, breakaway)}
+
+
+def main(n: int, *names: str) -> None:
     """Print, per case and figure: intervals that hold, median of std over value, scatter over value."""
     heavy = replace(PAPER, inertia=PAPER.inertia + ADDED)
     up = motion(PAPER, lambda t: 0.06, 100.0, 0.0, 0.5)
@@ -93,8 +109,9 @@ def main(n: int) -> None:
     angles = {"plain": motion(PAPER, lambda t: 0.0, 2300 * RPM, 80 * RPM, 5.0)[0],
               "loaded": motion(heavy, lambda t: 0.0, 2300 * RPM, 80 * RPM, 5.0)[0],
               "breakaway": motion(BROKEN, lambda t: 0.0, 2300 * RPM, 1e-3, 5.0)[0],
-              "turned": np.concatenate([up[0][:-1], up[0][-1] + down[0]]), "driven": driven_then_off(0)}
-    for case in (plain, driven, added, breakaway):
+              "turned": np.concatenate([up[0][:-1], up[0][-1] + down[0]]), "driven": driven_then_off(0),
+              "switched": switched(0), "up and down": up_and_down(Machine())[0]}
+    for case in map(CASES.__getitem__, names or CASES):
         found: dict[str, list[tuple[float, float, bool]]] = {}
         for seed in range(48_000, 48_000 + n):
             experiments, drive, how, truth = case(seed, angles)
@@ -108,8 +125,9 @@ def main(n: int) -> None:
             value, std, held = (np.array(column) for column in zip(*rows, strict=True))
             print(f"{case.__name__} {name}: {held.sum()} of {n}, std {100 * np.median(std):.2g} %, "
                   f"scatter {100 * value.std(ddof=1):.2g} %, mean {100 * (value.mean() - 1):+.1g} %", flush=True)
-    judged(n)
+    if not names:
+        judged(n)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), *sys.argv[2:])

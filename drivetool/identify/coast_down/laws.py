@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.identify.coast_down.fit import BLOCKS, Fitted, Prior, Run, fit, problem
+from drivetool.identify.coast_down.fit import BLOCKS, Fitted, Prior, Run, fit, simulated
 from drivetool.identify.results import Z95
 
 LAWS = {"drag": ("drag",), "stribeck": ("stribeck", "stribeck_speed"),
@@ -21,6 +21,9 @@ SCREENING = 2  # rounds after which the best of several starts shows: counts are
 UNLIKELY = 1e-3  # chance below which run-downs are said to differ, and a law to be another
 # Log likelihood by which a law must lead, after that of its parameters: a likelihood ratio of e^10, one in 22 000.
 LEAD = 10.0
+# Readings, from the last, at which run-downs may end: another one stops up to a count sooner or later, and where it
+# is slow a model without the law errs most.
+ENDS = (-1, -2, 0)
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,9 @@ def further_law(ended: Drive, free: Sequence[str], runs: Sequence[Run], prior: P
         return None
     best = found[0]
     alike = tuple(t.laws for t in found if t.unlikely < best.unlikely + LEAD)
-    before, after = (_errors(drive, f, runs) for drive, f in ((ended, fitted), (best.drive, best.fitted)))
-    return Further(alike, _names(best.laws), _gain(before, after), best.fitted.misfit)
+    gains = [_gain(_errors(ended, fitted, runs, end), _errors(best.drive, best.fitted, runs, end)) for end in ENDS]
+    gain = replace(gains[0], low=min(g.low for g in gains), high=max(g.high for g in gains))
+    return Further(alike, _names(best.laws), gain, best.fitted.misfit)
 
 
 def _names(laws: Sequence[str]) -> tuple[str, ...]:
@@ -104,27 +108,26 @@ def _tried(laws: tuple[str, ...], start: Drive, free: Sequence[str], runs: Seque
     return _Trial(laws, 0.5 * (best.unlikely + price), start.with_values(best.found), best)
 
 
-def _errors(drive: Drive, fitted: Fitted, runs: Sequence[Run]) -> np.ndarray:
-    """(m,) simulated less measured at every sample of the run-downs, where starts are fitted to these."""
+def _errors(drive: Drive, fitted: Fitted, runs: Sequence[Run], end: int) -> np.ndarray:
+    """(m,) simulated less measured at the samples of the run-downs, as `validate` has it.
+
+    end  reading at which they end, counted from the last; 0: the end of the record
+    """
     left = []
     for run, reading, start in zip(runs, fitted.readings, fitted.starts, strict=True):
         if np.any(run.inputs):
             continue
-        measured = reading.values if reading.counted is None else reading.counted
-        each = problem(drive, fitted.names, run, replace(reading, values=measured))
-        plant = each.plants(fitted.values, True)[0]
-        out, slopes = plant.jacobian(each.traces[0], start)
-        known = np.isfinite(measured)
-        error = (out[:, 0] - measured)[known]
-        columns = slopes[known, 0][:, plant.system.nq + np.array(each.free_start, int)]
-        left.append(error - columns @ np.linalg.lstsq(columns, error, rcond=None)[0])
+        seen = slice(int(reading.known[0]), int(reading.known[end]) + 1 if end else None)
+        measured = reading.values if reading.counted is None else reading.counted + 0.5 * reading.count
+        error = (simulated(drive, run, start)[0] - measured)[seen]
+        left.append(error[np.isfinite(error)])
     return np.concatenate(left)
 
 
 def _gain(base: np.ndarray, with_it: np.ndarray) -> Gain:
     """From errors (m,) of both: what the law makes up for is the same on another run, the rest is chance there too.
 
-    The interval is of another run: chance counts twice, here and there.
+    The interval is of another run: chance counts twice, here and there. Where it stops is in the caller's.
     """
     before, after = float(base @ base), float(with_it @ with_it)
     log = 0.5 * np.log(after / before)
