@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import sys
 from pathlib import Path
@@ -49,7 +50,7 @@ def schema_of(shape: type) -> dict:
 
 
 def _ordered(node):
-    """Versions of msgspec list the types of a value in orders of their own."""
+    """Versions of msgspec list the types of a value in orders of their own, and indent what is described or not."""
     if isinstance(node, list):
         return [_ordered(each) for each in node]
     if not isinstance(node, dict):
@@ -57,6 +58,8 @@ def _ordered(node):
     node = {key: _ordered(value) for key, value in node.items()}
     if "anyOf" in node:
         node["anyOf"] = sorted(node["anyOf"], key=lambda one: (one.get("type") == "null", json.dumps(one)))
+    if isinstance(node.get("description"), str):
+        node["description"] = inspect.cleandoc(node["description"])
     return node
 
 

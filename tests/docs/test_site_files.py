@@ -47,6 +47,7 @@ def on_the_path(folder):
 
 
 def sh(folder, command, env):
+    env = {name: value for name, value in env.items() if not name.startswith("MAKE")}  # as from no other make
     return subprocess.run(["bash", "-c", command], cwd=folder, env=env, capture_output=True, text=True, timeout=900)
 
 
