@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from drivetool.cli.outcomes import exit_code, put, say
 
@@ -135,3 +135,25 @@ def _talk(job: Job, file: Written, pictures: Sequence[str]) -> None:
         say(job.step, f"wrote {job.out}")
     if pictures:
         say(job.step, f"drew {', '.join(pictures)} in {job.plot}")
+
+
+def show_entries(title: str, entries: Sequence[Mapping[str, Any]], every: bool, json: bool,
+                 print_all: Callable, print_one: Callable) -> None:
+    """Print entries of a catalogue: on a terminal as tables, else as YAML or JSON.
+
+    title  key of the list; every: whether all were asked for, else the first one is printed
+    """
+    from drivetool.files.text import to_json, to_yaml
+
+    if json or not sys.stdout.isatty():
+        content = {title: entries} if every else entries[0]
+        put(to_json(content) if json else to_yaml(content))
+        return
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    console.width = max(80, console.width)
+    if every:
+        print_all(entries, console)
+    else:
+        print_one(entries[0], console)

@@ -69,12 +69,12 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     """
     from drivetool.check.causes import chosen_causes
     from drivetool.check.diagnose import diagnose
+    from drivetool.cli.run_downs import refuse_run_downs
     from drivetool.drive.chain import is_constant
     from drivetool.files.diagnosis_file import diagnosis_file, sections_before
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
     from drivetool.files.diagnosis_table import print_rule
     from drivetool.files.report_page import diagnosis_page
-    from drivetool.files.run_down_input import refuse_run_downs
     from drivetool.files.write import write_whole
     from drivetool.identify.unused import used_by
 

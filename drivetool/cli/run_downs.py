@@ -1,4 +1,4 @@
-"""`validate` on run-downs: records without a torque, models that may have ratios alone."""
+"""Run-downs on the command line: `validate` judges models by them, `diagnose` refuses them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from drivetool.cli.inputs import Opened
     from drivetool.drive.chain import Drive
     from drivetool.identify.estimate import Covariance
+    from drivetool.logs.experiment import Experiment
 
 COAST_DOWN = "coast-down"
 
@@ -65,3 +66,18 @@ def on_run_downs(opened: Opened, drives: Sequence[Drive], options: ValidateOptio
 
     models = [run_down_model(*each) for each in zip(opened.loaded.sources, drives, known, strict=True)]
     return validate_run_down(opened.experiments, models, options, fitted_on)
+
+
+def refuse_run_downs(experiments: Sequence[Experiment]) -> None:
+    """Refuse recordings of which a diagnosis has no torque.
+
+    raises  BadRecording: no torque was logged in one, or zeros alone in all
+    """
+    silent = [e.name for e in experiments if "motor_torque" not in e.signals]
+    zero = [e.name for e in experiments if e.name not in silent and not e.signals["motor_torque"].any()]
+    if silent or len(zero) == len(experiments):
+        raise BadRecording(
+            "a torque that drives, for a diagnosis", f"none in {', '.join(silent)}" if silent else
+            f"zeros alone in {', '.join(zero)}",
+            "Name its channel in the channel map; where the drive runs down without torque, take steady --method "
+            "coast-down, which names the law that its friction lacks.")

@@ -46,7 +46,7 @@ def _record(exhibit: Exhibit) -> Figure:
     """Measured over simulated, below it the residual, below that the torque, on one time axis."""
     curves = dict(exhibit.curves)
     lower = {label: curves.pop(label) for label in list(curves)
-             if label.startswith(("residual", "torque"))}
+             if label.startswith(("residual", "torque", "voltage"))}
     drawn, axes = _stack(len(lower) + 1, [3.0] + [1.2] * len(lower))
     top = axes[0]
     top.set_title(exhibit.title)

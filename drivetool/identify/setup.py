@@ -17,6 +17,7 @@ from drivetool.drive.simulate import Plant, Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.problem import Point, Problem
 from drivetool.identify.recordings.by_record import as_recorded, differs
+from drivetool.identify.supply import fed_by_voltages
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, quantity
 
@@ -57,7 +58,7 @@ def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
                 "Make torques of the inputs first, with as_torques and motor.torque_constant.")
     inputs = tuple(r for r in INPUTS if r in common and quantity(r) == "torque"
                    and (r != "motor2_torque" or "motor2" in drive.bodies))
-    if drive.value(f"{drive.bodies[0]}.magnetizing_inductance"):
+    if fed_by_voltages(drive):
         inputs += tuple(r for r in induction.VOLTAGES if r in common)
     outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
     if not outputs:

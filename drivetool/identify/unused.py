@@ -8,6 +8,7 @@ from drivetool.drive.chain import Drive
 from drivetool.drive.effects.induction import VOLTAGES
 from drivetool.errors import Finding
 from drivetool.identify.setup import both_outputs, roles_of, sensors_of
+from drivetool.identify.supply import fed_by_voltages
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, ROLES, role_of
 
@@ -32,7 +33,7 @@ def used_by(step: str, experiments: Sequence[Experiment], drive: Drive, criterio
 def _used_by_steady(experiments: Sequence[Experiment], drive: Drive) -> set[str]:
     """The torque and a motor's motion; of two bodies what is between them, and the motion behind it."""
     common = set.intersection(*(set(e.signals) for e in experiments))
-    fed = VOLTAGES if drive.value(f"{drive.bodies[0]}.magnetizing_inductance") else ()
+    fed = VOLTAGES if fed_by_voltages(drive) else ()
     used = {"motor_torque", *fed, *[r for r in AT_MOTOR if r in common][:1]}
     if len(drive.bodies) == 2 and "shaft_torque" in common:
         used |= {"shaft_torque", *[r for r in ("load_speed", "load_angle") if r in common][:1]}

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.cli.main import COMMANDS
 from drivetool.logs.summary import read_summary
 from tests.places import FIXTURES, RIG, ROOT
 from tests.summaries import site_of_the_pages
@@ -125,7 +124,6 @@ def github_steps():
     return [(step["run"], "cancelled" in step.get("if", "")) for step in job["steps"] if "run" in step]
 
 
-@pytest.mark.skipif("batch" not in COMMANDS, reason="drivetool batch is not there")
 @pytest.mark.parametrize("worn", [False, True])
 def test_the_shell_parts_for_github_run(tmp_path, worn):
     recordings(tmp_path, worn)
@@ -141,7 +139,6 @@ def test_the_shell_parts_for_github_run(tmp_path, worn):
     assert (tmp_path / "summary.md").read_text().startswith("# drivetool: ")
 
 
-@pytest.mark.skipif("batch" not in COMMANDS, reason="drivetool batch is not there")
 def test_the_shell_parts_for_gitlab_run(tmp_path):
     recordings(tmp_path, worn=True)
     job = yaml.safe_load((DOCS / "ci" / "gitlab-ci.yml").read_text())["drives"]

@@ -13,7 +13,7 @@ from drivetool.identify.options import Options
 from drivetool.identify.steady import steady
 from drivetool.identify.supply import as_stator_voltages
 from tests.coasting import Motor
-from tests.induction import ELECTRICAL, Machine, switched
+from tests.induction import ELECTRICAL, Machine, run_up, switched
 
 HOW = Options(method="coast-down")
 TRUTH = {"motor.inertia": 8.7499e-5, "motor.viscous": 1.0791e-4, "motor.coulomb": 0.012998}
@@ -38,6 +38,12 @@ def test_a_run_up_tells_inertia_and_friction(phases):
         p = values(estimate)[name]
         assert abs(p.value - truth) < 4.0 * p.std and p.std < 2e-5 * truth
     assert values(estimate)["motor.rotor_resistance"].reason == "taken as known"
+
+
+def test_the_no_load_speed_is_where_a_general_solver_ends():
+    (found,) = (p for p in fitted(switched(10)).ratios if p.name == "no_load_speed")
+    assert abs(found.value - run_up(Machine(), 1.5)[1, -1]) < 4.0 * found.std
+    assert 0.0 < found.std < 1e-6 * found.value
 
 
 def test_two_pole_pairs_and_another_frequency():

@@ -22,6 +22,7 @@ from drivetool.identify.coast_down.report import (
     exhibits,
     figures,
     findings,
+    no_load_speed,
     outcome,
     ratio_covariance,
     ratio_lines,
@@ -104,7 +105,7 @@ def coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options
             {} if scale.known else {"ratio_covariance": ratio_covariance(ended, free, fitted)}),
         findings=tuple(findings(fitted, judged, stretches, experiments, scale.by, spread, further)),
         data=sources(experiments), exhibits=exhibits(experiments, stretches, fitted, ended),
-        ratios=ratio_lines(ended, free, fitted))
+        ratios=(*ratio_lines(ended, free, fitted), *no_load_speed(ended, free, fitted, runs)))
     if options.stages:
         joint = Joint(experiments, stretches, runs, tuple(begun(start, free)), ended, fitted, prior,
                       own.values if scale.known else {})

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from drivetool.drive.chain import AT, Drive
+from drivetool.drive.effects.induction import steady_torque
 from drivetool.errors import Finding
 from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
 from drivetool.identify.coast_down.laws import UNLIKELY, Further
@@ -20,6 +22,9 @@ from drivetool.identify.supply import supply_of
 from drivetool.logs.experiment import Experiment
 
 INERTIA = "motor.inertia"
+STEPS = 200  # speeds below the synchronous one, between which a motor without load runs
+TURNS = 2.0 * np.pi * 1e-3  # of a turn, by which a supply may leave its frame: a thousandth of the frequency
+DELTA = 1e-3  # rad/s, over which its torque is a straight line
 FRICTION = ("inertia", "viscous", "coulomb", "idle_torque")  # what is stated however small
 # Share of a value that its standard deviation must be below, to be more than a guess: at half, zero is two away.
 TELLS = 0.5
@@ -64,6 +69,38 @@ def ratio_lines(drive: Drive, free: Sequence[str], fitted: Fitted) -> tuple[Para
             ratio_name(name), value, ratio_unit(drive, name), None, std,
             (max(value - Z95 * std, drive.quantity(name).bounds[0]), value + Z95 * std)))
     return tuple(found)
+
+
+def no_load_speed(drive: Drive, free: Sequence[str], fitted: Fitted, runs: Sequence[Run]) -> tuple[Parameter, ...]:
+    """The speed at which an induction motor's steady torque is viscous and Coulomb friction, at its last voltage.
+
+    None where the friction has further laws, or no motor is fed. The interval is by that of the friction.
+    """
+    fed = [run for run in runs if run.inputs.shape[1] > 1]
+    names = ("motor.viscous", "motor.coulomb")
+    if not fed or set(free) - {INERTIA, *names} or not set(names) <= set(free):
+        return ()
+    vector = fed[-1].inputs[:, 1] + 1j * fed[-1].inputs[:, 2]
+    later = vector[len(vector) // 2:]
+    if abs(np.angle(np.mean(later[1:] * later[:-1].conj()))) > TURNS * drive.value("motor.supply_frequency") \
+            * fed[-1].reading.step:
+        return ()  # it ended at another frequency than that of the frame
+    peak = float(np.mean(np.abs(later)))
+    viscous, coulomb = (drive.values[n] for n in names)
+
+    def left(w: float) -> float:
+        return steady_torque(drive, peak, w) - viscous * w - coulomb
+
+    fastest = 2.0 * np.pi * drive.value("motor.supply_frequency") / drive.value("motor.pole_pairs")
+    speeds = np.linspace(fastest, 0.0, STEPS)
+    driven = next((i for i, w in enumerate(speeds) if left(w) > 0.0), 0)
+    if not driven:
+        return ()
+    speed = float(brentq(left, speeds[driven], speeds[driven - 1], xtol=1e-12))
+    slope = (left(speed + DELTA) - left(speed - DELTA)) / (2.0 * DELTA)
+    by, at = np.array([speed, 1.0]) / slope, [free.index(n) for n in names]
+    std = float(np.sqrt(by @ fitted.covariance[np.ix_(at, at)] @ by))
+    return (Parameter("no_load_speed", speed, "rad/s", None, std, (speed - Z95 * std, speed + Z95 * std)),)
 
 
 def ratio_covariance(drive: Drive, free: Sequence[str], fitted: Fitted) -> dict[str, object]:

@@ -12,6 +12,7 @@ from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit, Parameter
 from drivetool.identify.steady_speeds.line import Line, Points
 from drivetool.identify.steady_speeds.points import speed_of
+from drivetool.identify.supply import supply_of
 from drivetool.logs.experiment import Experiment
 
 DRAWN = 500  # parts of a recording that a picture shows apart
@@ -161,12 +162,14 @@ def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ..
     marked = np.full(len(speed), np.nan)
     for first, last in spans:
         marked[first:last] = speed[first:last]
+    supply = supply_of(experiment)
+    acts = {f"torque [{drive.torque_unit}]": experiment.signals[role]
+            for role in ("motor_torque",) if role in experiment.signals} if supply is None else {
+                "voltage, peak [V]": supply}
     return Exhibit(
         "record", f"{what[0].upper()}{what[1:]} in {experiment.name}", "time [s]",
         f"motor speed [{drive.motion_unit}/s]",
-        {"measured speed": (time, speed), what: (time, marked)} | {
-            f"torque [{drive.torque_unit}]": (time, experiment.signals[role])
-            for role in ("motor_torque",) if role in experiment.signals})
+        {"measured speed": (time, speed), what: (time, marked)} | {n: (time, v) for n, v in acts.items()})
 
 
 def in_one_direction(idle: str, forward: int, backward: int) -> Finding:
