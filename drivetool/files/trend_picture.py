@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drivetool.check.trends.outliers import Outlier
 from drivetool.check.trends.sentences import between
 from drivetool.check.trends.trend import Change, Trend
 from drivetool.files.look import BLUE, GREY, INK, ORANGE, RED
@@ -53,6 +55,8 @@ def _panel(axis: Axes, trend: Trend) -> None:
         axis.margins(y=HEADROOM)
     for change in trend.changes:
         _mark(axis, trend, change)
+    for name, outlier in trend.outliers:
+        _left_out(axis, trend, name, outlier)
     axis.set_xlim(0.5, len(place) + 0.5)
     unit = f" [{series.unit}]" if series.unit else ""
     axis.set_ylabel(f"{series.parameter}\n{series.step}{unit}", fontsize=8)
@@ -66,6 +70,18 @@ def _means(axis: Axes, trend: Trend) -> None:
         axis.plot(across, [mean.value] * 2, color=BLUE, zorder=4)
         if mean.ci95 is not None:
             axis.fill_between(across, *mean.ci95, color=BLUE, alpha=0.2, linewidth=0)
+
+
+def _left_out(axis: Axes, trend: Trend, name: str, outlier: Outlier) -> None:
+    """A cross at the edge, between its neighbours: to its height the panel would show nothing else."""
+    before = outlier.place - sum(other.place < outlier.place for _, other in trend.outliers)
+    up = outlier.value > outlier.expected
+    right = before > 0.6 * len(trend.series.values)
+    axis.annotate(f"{Path(name).stem}: {outlier.value:.4g}", (before + 0.5, 0.96 if up else 0.04),
+                  xycoords=("data", "axes fraction"), xytext=(-6 if right else 6, 0), textcoords="offset points",
+                  fontsize=7, color=RED, va="center", ha="right" if right else "left")
+    axis.plot(before + 0.5, 0.96 if up else 0.04, "x", color=RED, markersize=5.0, clip_on=False,
+              transform=axis.get_xaxis_transform())
 
 
 def _mark(axis: Axes, trend: Trend, change: Change) -> None:

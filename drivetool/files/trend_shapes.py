@@ -65,6 +65,17 @@ class ChangeSection(Shape):
     alarm: Annotated[bool, Meta(description="whether it is as large as an alarm asks")]
 
 
+class OutlierSection(Shape):
+    """A recording far from all others of its series."""
+
+    recording: str
+    value: float
+    expected: Annotated[float, Meta(description="what the others say at its place")]
+    std: Annotated[float, Meta(description="of the others about that")]
+    ratio: Annotated[float, Meta(description="distance over std")]
+    chance: Annotated[float, Meta(description="of one as far off, for all recordings and tests of the site")]
+
+
 class SeriesSection(Shape):
     """A parameter of a machine over its recordings."""
 
@@ -76,6 +87,8 @@ class SeriesSection(Shape):
     first: Annotated[str, Meta(description="the first recording")]
     last: Annotated[str, Meta(description="the last recording")]
     left_out: Annotated[int, Meta(description="recordings without a fitted, finite value")]
+    outliers: Annotated[list[OutlierSection], Meta(
+        description="recordings far from all others; what follows is of the rest")]
     mean: MeanSection
     parts: Annotated[list[MeanSection], Meta(description="means between the steps; empty without steps")]
     drift: Annotated[DriftSection | None, Meta(description="null where reason says why")]

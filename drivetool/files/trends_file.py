@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from drivetool.check.trends.outliers import Outlier
 from drivetool.check.trends.random_effects import RandomEffects
 from drivetool.check.trends.trend import Change, Drift, Slope, Trend
 from drivetool.errors import Finding
@@ -49,9 +50,9 @@ def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Ma
 def outcome(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
     """How many alarms there are, in how many series, in one sentence."""
     machines = len({each.series.machine for each in found})
-    alarms, small = (sum(f.code == code for f in findings) for code in ("trend-alarm", "small-change"))
-    return (f"{_count(len(found), 'series')} of {_count(machines, 'machine')}: {_count(alarms, 'alarm')}, "
-            f"{_count(small, 'smaller change')}")
+    counts = [_count(sum(f.code == code for f in findings), noun) for code, noun in (
+        ("trend-alarm", "alarm"), ("small-change", "smaller change"), ("outlying-recording", "outlying recording"))]
+    return f"{_count(len(found), 'series')} of {_count(machines, 'machine')}: {', '.join(counts)}"
 
 
 def _count(n: int, noun: str) -> str:
@@ -103,10 +104,17 @@ def _series(trend: Trend) -> shapes.SeriesSection:
     return shapes.SeriesSection(
         machine=series.machine, parameter=series.parameter, step=series.step,
         kind=series.kind, unit=series.unit,
-        first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out, mean=_mean(trend.mean),
+        first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out,
+        outliers=[_outlier(name, outlier) for name, outlier in trend.outliers], mean=_mean(trend.mean),
         parts=[_mean(part) for part in trend.parts], drift=trend.drift and _drift(trend.drift),
         changes=[_change(trend, change) for change in trend.changes], correlation=plain(trend.correlation),
         reason=trend.reason)
+
+
+def _outlier(name: str, outlier: Outlier) -> shapes.OutlierSection:
+    content = plain(asdict(outlier))
+    del content["place"]
+    return shapes.OutlierSection(recording=name, **content)
 
 
 def _mean(mean: RandomEffects) -> shapes.MeanSection:

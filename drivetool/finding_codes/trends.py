@@ -12,6 +12,12 @@ CODES = {
         NOTE,
         "A machine has too few recordings for a trend. Its means are stated; drifts and steps are not looked for.",
         "Record it again on further days."),
+    "outlying-recording": Code(
+        WARNING,
+        "A recording lies at least five standard deviations from what all others of its machine say. This is "
+        "significant for all recordings and series of the site together. It is left out of the trends.",
+        "See whether its machine, its channels and their units are named rightly, then what else was recorded. If "
+        "it is the newest, record once more: a second one like it is a step."),
     "recordings-correlated": Code(
         NOTE,
         "Beside the steps and the drift that were found, neighbouring recordings are alike. Intervals and tests "

@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from drivetool.check.trends.change_points import FEWEST
-from drivetool.check.trends.sentences import drift_text, step_text, subject
+from drivetool.check.trends.outliers import Outlier
+from drivetool.check.trends.sentences import drift_text, lowered, outlier_text, step_text, subject
 from drivetool.check.trends.series import recordings_per_machine, series_of, without_copies
 from drivetool.check.trends.trend import ALARM, Change, Drift, Trend, trends
 from drivetool.errors import Finding
@@ -16,6 +17,8 @@ LISTED = 5  # names in one sentence; the rest is counted
 # Times 1 / root n, the standard deviation of a correlation of independent recordings. One of 700 is beyond.
 CORRELATED = 3.0
 SEE = "Look for what changed at the machine at that time: wear, lubrication, load, temperature or a repair."
+LABEL = "See whether its machine, its channels and their units are named rightly, then what else was recorded."
+NEXT = "It is the newest: with the next one like it this is a step."
 WATCH = "Watch it; a change from which on it counts is set with --alarm."
 
 
@@ -25,11 +28,11 @@ def trends_of(rows: Sequence[Row], alarm: float = ALARM) -> tuple[tuple[Finding,
     rows     of a summary, in any order
     alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
     returns  (findings, one Trend per machine, parameter and step). Alarms come first, then what is smaller, each in
-             the order of the series, then remarks on the recordings.
+             the order of the series, then recordings far from all others, then remarks on the recordings.
     """
     left, copies = without_copies(rows)
     found = trends(series_of(left), alarm)
-    return (*_changed(found), *_remarks(left, copies, found)), found
+    return (*_changed(found), *_outlying(found), *_remarks(left, copies, found)), found
 
 
 def _changed(found: Sequence[Trend]) -> list[Finding]:
@@ -68,6 +71,30 @@ def _drift_evidence(trend: Trend, drift: Drift) -> dict[str, float | int | str]:
             "first": series.recordings[0], "last": series.recordings[-1], "before": drift.before,
             "after": drift.after, "slope_per_recording": drift.per_recording.value, "std": drift.std,
             "ratio": drift.ratio, "chance": drift.chance}
+
+
+def _outlying(found: Sequence[Trend]) -> list[Finding]:
+    """A finding per recording that lies far from the others of its machine, in whatever parameters."""
+    by: dict[tuple[str, str], list[tuple[Trend, Outlier]]] = {}
+    for trend in found:
+        for name, outlier in trend.outliers:
+            by.setdefault((trend.series.machine, name), []).append((trend, outlier))
+    return [_outlier(machine, name, sorted(places, key=lambda pair: -pair[1].ratio))
+            for (machine, name), places in by.items()]
+
+
+def _outlier(machine: str, name: str, places: Sequence[tuple[Trend, Outlier]]) -> Finding:
+    trend, outlier = places[0]
+    newest = outlier.place == len(trend.series.values) + len(trend.outliers) - 1
+    more = [lowered(subject(other.series)) for other, _ in places[1:]]
+    return Finding(
+        "warning", "outlying-recording",
+        f"{outlier_text(trend.series, name, outlier)} It is left out of this trend"
+        f"{f' and of those of {_listed(more)}' if more else ''}.",
+        {"machine": machine, "recording": name, "parameter": trend.series.parameter, "step": trend.series.step,
+         "unit": trend.series.unit, "value": outlier.value, "expected": outlier.expected, "std": outlier.std,
+         "ratio": outlier.ratio, "chance": outlier.chance, "parameters": len(places)},
+        (f"{NEXT} " if newest else "") + LABEL)
 
 
 def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Trend]) -> list[Finding]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from datetime import UTC, datetime
 
+from drivetool.check.trends.outliers import Outlier
 from drivetool.check.trends.series import Series
 from drivetool.check.trends.trend import Change, Drift
 
@@ -54,6 +55,19 @@ def drift_text(series: Series, drift: Drift, step: bool = False) -> str:
     return (f"{subject(series, step)} {verb} slowly from {before} to {after}{unit} "
             f"{between(series, 0, len(series.values) - 1)}. The slope is {factor * slope.value:.3g}{unit} "
             f"per {per} (95 % interval {low} to {high}); {size}.")
+
+
+def outlier_text(series: Series, recording: str, outlier: Outlier) -> str:
+    """What a recording says where all others of the machine say something else."""
+    factor, unit = scaled(series.unit, outlier.value, outlier.expected)
+    value, expected, std = shown(factor, outlier.std, outlier.value, outlier.expected)
+    return (f"{recording} lies far from the others: by it {lowered(subject(series))} is {value}{unit}, by them "
+            f"{expected}{unit}; that is {outlier.ratio:.1f} times their standard deviation, {std}{unit}.")
+
+
+def lowered(text: str) -> str:
+    """A subject inside a sentence; 'Coulomb' is a name."""
+    return text if text.startswith("Coulomb") else text[:1].lower() + text[1:]
 
 
 def between(series: Series, first: int, second: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,6 +59,12 @@ class Series:
         known = np.isfinite(self.stds)
         usual = float(np.median(self.stds[known])) if known.any() else 0.0
         return np.where(known, self.stds, usual) ** 2
+
+    def without(self, places: Sequence[int]) -> Series:
+        """The series without the recordings at some places."""
+        kept = np.delete(np.arange(len(self.values)), places)
+        return replace(self, recordings=tuple(self.recordings[i] for i in kept), values=self.values[kept],
+                       starts=None if self.starts is None else self.starts[kept], stds=self.stds[kept])
 
 
 def series_of(rows: Iterable[Row]) -> tuple[Series, ...]:

@@ -8,17 +8,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.check.trends.change_points import FEWEST, Model, columns, model_of
+from drivetool.check.trends.change_points import FEWEST, Model, columns
+from drivetool.check.trends.outliers import Outlier, described
 from drivetool.check.trends.random_effects import RandomEffects, random_effects
 from drivetool.check.trends.regression import Fit, fit
 from drivetool.check.trends.series import DAY, Series
-from drivetool.check.trends.weights import weights_of
 
 # A change of that many standard deviations of the runs before is worth a walk to the machine. Statistics show far
 # smaller ones with enough recordings, which no one would go to see.
 ALARM = 5.0
 FEWEST_DAYS = 3  # a line over two days leaves nothing to tell its interval by
-TESTS_PER_SERIES = 2  # a drift, and steps
+TESTS_PER_SERIES = 3  # a drift, steps, and recordings far from all others
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ class Change:
 class Trend:
     """A series and what it does.
 
+    series       without its outliers; all else here is of what is left
+    outliers     (name, figures) of the recordings that lie far from all others
     mean         over all recordings; parts: of those between the steps, where there are any
     drift        None where `reason` says why
     changes      its steps in their order
@@ -86,6 +88,7 @@ class Trend:
     """
 
     series: Series
+    outliers: tuple[tuple[str, Outlier], ...]
     mean: RandomEffects
     parts: tuple[RandomEffects, ...]
     drift: Drift | None
@@ -116,18 +119,20 @@ def _silent(series: Series) -> str:
 
 def _trend(series: Series, tests: int, alarm: float) -> Trend:
     """The trend of one series; tests: in all of the site."""
-    mean = random_effects(series.values, series.variances, series.days)
     if reason := _silent(series):
-        return Trend(series, mean, (), None, (), 0.0, reason)
-    weights = weights_of(series.values, series.variances)
-    model = model_of(series.values, weights, tests)
+        return Trend(series, (), _mean(series), (), None, (), 0.0, reason)
+    found = described(series.values, series.variances, tests, alarm)
+    named = tuple((series.recordings[outlier.place], outlier) for outlier in found.outliers)
+    series, model = series.without([outlier.place for outlier in found.outliers]), found.model
+    if reason := _silent(series):
+        return Trend(series, named, _mean(series), (), None, (), 0.0, reason)
     ends = [0, *model.cuts, len(series.values)]
-    parts = [_part(series, a, b) for a, b in pairwise(ends)] if model.cuts else []
-    return Trend(series, mean, tuple(parts), _drift(series, weights, model, tests, alarm),
+    parts = [_mean(series, a, b) for a, b in pairwise(ends)] if model.cuts else []
+    return Trend(series, named, _mean(series), tuple(parts), _drift(series, found.weights, model, tests, alarm),
                  _changes(series, model, alarm), model.fit.correlation)
 
 
-def _part(series: Series, a: int, b: int) -> RandomEffects:
+def _mean(series: Series, a: int = 0, b: int | None = None) -> RandomEffects:
     """The mean of the recordings from place a on, before place b."""
     days = None if series.days is None else series.days[a:b]
     return random_effects(series.values[a:b], series.variances[a:b], days)

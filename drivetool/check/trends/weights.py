@@ -14,24 +14,35 @@ FAR = 4.0
 MEDIAN_TO_STD, MEDIAN_OF_CHI2 = 0.6745, 0.4549
 
 
-def weights_of(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
-    """Weights for a regression on the place of the recording, of mean 1.
+def scatter_weights(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """(n,) 1 / (stated variance + scatter beyond it), scaled to mean 1.
 
     values     (n,) in the order of the recordings
     variances  (n,) of each by its stated std
-    returns    (n,) 1 / (stated variance + scatter beyond it). The scatter is taken from differences of neighbours,
-               so that neither a step nor a drift is in it. A recording far off the running median counts as
-               little as Huber's function says.
-    source     Rice 1984 (variance by differences); Huber 1964 (weights); Hampel 1974 (running median)
+    returns    weights; the scatter is taken from differences of neighbours, so that neither a step nor a drift is
+               in it
+    source     Rice 1984 (variance by differences)
     """
     size = float(np.max(np.abs(values))) or 1.0
     values, variances = values / size, variances / size / size
     by_differences = float(np.median(np.diff(values) ** 2)) / (2.0 * MEDIAN_OF_CHI2)
     scatter = max(by_differences - float(np.median(variances)), 0.0)
     weights = 1.0 / np.maximum(variances + scatter, ROUNDING**2)
+    return weights / weights.mean()
+
+
+def weights_of(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Weights for a regression on the place of the recording, of mean 1.
+
+    values, variances  as of `scatter_weights`
+    returns            (n,) those weights; a recording far off the running median counts by the square of its
+                       distance less, so that no single one has more to say than one at FAR
+    source             Holland and Welsch 1977 (weights that fall by the square); Hampel 1974 (running median)
+    """
+    weights = scatter_weights(values, variances)
     off = np.abs(values - running_median(values)) * np.sqrt(weights)
     scale = float(np.median(off[off > 0.0])) / MEDIAN_TO_STD if np.any(off > 0.0) else 1.0
-    weights = weights * np.minimum(1.0, FAR * scale / np.maximum(off, scale))
+    weights = weights * np.minimum(1.0, FAR * scale / np.maximum(off, scale)) ** 2
     return weights / weights.mean()
 
 

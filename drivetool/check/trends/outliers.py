@@ -1,0 +1,72 @@
+"""Recordings that lie far from all others of their series: mislabelled, of another machine, or gone wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.check.trends.change_points import FEWEST, LEVEL, Model, columns, model_of
+from drivetool.check.trends.regression import fit
+from drivetool.check.trends.weights import scatter_weights, weights_of
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A recording that is left out of its series.
+
+    place     among all recordings of the series, from 0
+    value     its own; expected: what the others say at its place, their steps and their drift included
+    std       standard deviation of the others about that; ratio: distance over it
+    chance    of a recording as far off, for all recordings and tests of the site
+    """
+
+    place: int
+    value: float
+    expected: float
+    std: float
+    ratio: float
+    chance: float
+
+
+@dataclass(frozen=True)
+class Described:
+    """A series without its outliers: the weights (m,) and the model of the m recordings that are left."""
+
+    outliers: tuple[Outlier, ...]
+    weights: np.ndarray
+    model: Model
+
+
+def described(values: np.ndarray, variances: np.ndarray, tests: int, bar: float) -> Described:
+    """Steps and drift of a series, and the recordings that these do not explain.
+
+    values     (n,) in the order of the recordings; variances (n,) of each by its stated std
+    tests      how many hypotheses are tested in all: TESTS_PER_SERIES per series
+    bar        how many standard deviations of the others a recording must be off
+    returns    Described. The farthest recording is taken out first; then the steps and the drift of the others are
+               looked for anew, as long as a recording is both that far and significant. The second recording of a
+               step explains the first, so that neither is an outlier.
+    source     Cook and Weisberg 1982 (externally studentised residuals, Bonferroni over the recordings)
+    """
+    kept, found = np.arange(len(values)), list[Outlier]()
+    while True:
+        weights = weights_of(values[kept], variances[kept])
+        model = model_of(values[kept], weights, tests)
+        farthest = _farthest(values[kept], scatter_weights(values[kept], variances[kept]), weights, model, tests)
+        if len(kept) <= FEWEST or farthest.ratio < bar or farthest.chance > LEVEL:
+            return Described(tuple(sorted(found, key=lambda outlier: outlier.place)), weights, model)
+        found.append(replace(farthest, place=int(kept[farthest.place])))
+        kept = np.delete(kept, farthest.place)
+
+
+def _farthest(values: np.ndarray, own: np.ndarray, weights: np.ndarray, model: Model, tests: int) -> Outlier:
+    """The recording farthest from what the others say, by a column of its own; own: weights as if it were none."""
+    design = columns(len(values), model.slope, model.cuts)
+    place = int(np.argmax(np.abs(values - design @ model.fit.coefficients) * np.sqrt(own)))
+    alone = np.arange(len(values)) == place
+    found = fit(values, np.where(alone, own, weights), np.column_stack([design, alone]))
+    far, std = float(found.coefficients[-1]), found.std_left / float(np.sqrt(own[place]))
+    ratio = abs(far) / std if std > 0.0 else 0.0  # all are zero
+    return Outlier(place, float(values[place]), float(values[place]) - far, std, ratio,
+                   min(found.chance(-1) * len(values) * tests, 1.0))

@@ -1,0 +1,85 @@
+"""A recording of another machine, or in another unit: named, left out, and in nobody's way."""
+
+import numpy as np
+import pytest
+
+from drivetool.check.trends import weights
+from drivetool.check.trends.findings import trends_of
+from tests.check.trends.sites import normal, site, step, student, told
+
+SEEDS = range(20)  # fixed before the first look
+COULOMB = (1, "motor.coulomb")
+N = np.arange(25)
+
+
+def outliers(trends):
+    return [(t.series.machine, t.series.parameter, name) for t in trends for name, _ in t.outliers]
+
+
+@pytest.mark.parametrize("place", [0, 4, 12, 23, 24])
+def test_a_recording_in_another_unit_is_named_wherever_it_is(place):
+    findings, trends = trends_of(site(3, machines=2, changed={COULOMB: 500.0 * (place == N)}))
+    name = f"press 1/{place:02d}.parquet"
+    assert outliers(trends) == [("press 1", "motor.coulomb", name)] and not told(findings)
+    finding, = (f for f in findings if f.code == "outlying-recording")
+    assert finding.severity == "warning" and name in finding.text
+    assert ("It is the newest" in finding.action) == (place == 24)
+    (_, figures), = trends[2].outliers
+    assert figures.place == place and figures.expected == pytest.approx(1.5, rel=0.05)
+    assert trends[2].mean.recordings == 24 and trends[2].mean.value == pytest.approx(1.5, rel=0.01)
+
+
+def test_one_finding_for_all_parameters_of_a_recording():
+    changed = {(1, name): 500.0 * (N == 7) for name in ("motor.coulomb", "motor.viscous", "shaft.half_gap")}
+    findings, trends = trends_of(site(3, machines=2, changed=changed))
+    finding, = (f for f in findings if f.code == "outlying-recording")
+    assert finding.evidence["parameters"] == 3 and len(outliers(trends)) == 3
+    assert "half gap of press 1" in finding.text and "motor viscous friction of press 1" in finding.text
+
+
+def hidden_behind_two(size):
+    """In how many of the sites a step of six is found at its place, behind two far recordings that are named."""
+    found = 0
+    for seed in SEEDS:
+        values = size * np.isin(N, (5, 17)) + step(6.0, 12)
+        findings, trends = trends_of(site(seed, machines=3, changed={COULOMB: values}))
+        change = [c.place for c in trends[2].changes]
+        found += len(outliers(trends)) == 2 and change in ([10], [11], [12]) and len(told(findings)) == 1
+    return found
+
+
+@pytest.mark.parametrize("size", [20.0, 500.0])
+def test_far_recordings_do_not_hide_a_step(size):
+    """14 or more of 20 are, by 99 % of such runs, where 18 of 20 are in truth."""
+    assert hidden_behind_two(size) >= 14
+
+
+def test_what_one_far_recording_may_say(monkeypatch):
+    """Twice as much, and two of them hide each other and the step."""
+    monkeypatch.setattr(weights, "FAR", 2.0 * weights.FAR)
+    assert hidden_behind_two(20.0) < 14
+
+
+def test_normal_sites_have_none():
+    """At most one of 20 sites, with 99 %; each of 8 machines, 5 parameters and 25 recordings."""
+    assert sum(bool(outliers(trends_of(site(seed, normal))[1])) for seed in SEEDS) <= 2
+
+
+def test_the_bar_is_that_of_an_alarm():
+    """Eight standard deviations: by five of them it is far, by ten it is not, in 9 of 10 such sites."""
+    rows = [site(seed, machines=1, changed={COULOMB: 8.0 * (N == 9)}) for seed in SEEDS]
+    named = [sum(bool(outliers(trends_of(each, bar)[1])) for each in rows) for bar in (5.0, 10.0)]
+    assert named[0] >= 14 and named[1] <= 6
+
+
+def test_heavy_tails_are_named_and_raise_no_alarm():
+    found = [trends_of(site(seed, student(3))) for seed in SEEDS]
+    assert sum(len(told(findings)) for findings, _ in found) <= 1
+    assert any(outliers(trends) for _, trends in found)
+
+
+def test_where_all_others_are_equal_one_is_still_named():
+    _, trends = trends_of([r for r in site(1, machines=1, noise=lambda rng, n: np.zeros(n), stated=0.0,
+                                           changed={COULOMB: 1.0 * (N == 3)}) if r.parameter == "motor.coulomb"])
+    assert outliers(trends) == [("press 1", "motor.coulomb", "press 1/03.parquet")]
+    assert trends[0].reason == "all values are equal"
