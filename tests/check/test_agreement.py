@@ -103,6 +103,7 @@ def test_missing_values_and_a_load_alone_are_no_fault():
     assert preflight([replace(record, signals=alone)], WANTED, RATIO)[1] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "kinds", "factor"), [
     (20, ("speed", "speed"), 1.03), (23, ("speed", "angle"), -0.96)])
 def test_with_the_drive_the_scale_is_told_far_better(seed, kinds, factor):

@@ -58,6 +58,7 @@ def promised(model: Model, code: str) -> float:
     return screen(CAUSES[code], [stand_at(model)], everything(model.problem)).promise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [c for c in SMALL if c != "none"])
 def test_a_small_effect_promises_what_its_fit_gains(code):
     """Amplitudes and values of finite size alike; the noise that falls beside the fit is not in a linear step."""
@@ -67,6 +68,7 @@ def test_a_small_effect_promises_what_its_fit_gains(code):
     assert 0.4 * gain < promised(base, code) < 1.1 * gain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [*AMPLITUDES, *FINITE])
 def test_a_law_that_is_not_there_promises_less_than_is_worth_a_fit(code):
     """A gap may begin under another noise than its stand, which brings some by itself."""

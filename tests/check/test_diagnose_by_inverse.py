@@ -55,6 +55,7 @@ DRAG = Machine((0.05,), (0.02,), (0.0,), effects=Effects(quadratic=(0.01,)))
 NOTHING = Machine((0.05,), (0.02,), (0.0,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("machine", "named", "name", "true"), [
     (FRICTION, "coulomb-motor", "motor.coulomb", 0.3), (DRAG, "quadratic-drag", "motor.drag", 0.01)])
 @pytest.mark.parametrize("held_out", [False, True], ids=["halves", "record"])
@@ -72,6 +73,7 @@ def test_what_a_body_lacks_is_named_with_its_size_and_gain(machine, named, name,
     assert states[named] == "named" and len(states) == len(BY_TORQUE.candidates)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12, 13])
 @pytest.mark.parametrize("reference", [True, False], ids=["instruments", "without"])
 def test_noise_of_a_closed_loop_is_no_cause(seed, reference):
@@ -97,6 +99,7 @@ def test_a_path_between_torque_and_body_or_a_base_without_fitted_parameters_is_r
         diagnose([record], chain, ["total.viscous"], BY_TORQUE)
 
 
+@pytest.mark.slow
 def test_a_record_too_short_to_judge_is_refused_and_one_without_torque_has_no_fit_percent():
     record = moved(FRICTION, 11)
     drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
@@ -108,6 +111,7 @@ def test_a_record_too_short_to_judge_is_refused_and_one_without_torque_has_no_fi
     assert np.isnan(found.gain.held_out_fit_before) and np.isfinite(found.gain.held_out_rmse_before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [21, 22, 23])
 def test_instruments_that_fail_on_the_record_that_judges_make_no_cause(seed):
     """A drive fitted to it by least squares is the base's best there, whatever its reference tells."""
@@ -150,6 +154,7 @@ def test_every_cause_of_an_imposed_motion_begins_with_laws_of_bodies_and_shafts(
         logged_as_it_acts(start.task.drive, start.task.free)
 
 
+@pytest.mark.slow
 def test_causes_that_a_torque_does_not_tell_say_so():
     record = moved(NOTHING, 11, seconds=3.0)
     drive, free, begun = base_of(record, one_body().with_values(BODY), ("motor.coulomb",))
@@ -159,6 +164,7 @@ def test_causes_that_a_torque_does_not_tell_say_so():
     assert all("simulation" in c.reason for c in found.rounds[0].candidates)
 
 
+@pytest.mark.slow
 def test_the_figures_of_a_gain_are_those_of_the_equation_of_motion():
     """By scipy's filter and a mean over each interval, samples about reversals left out."""
     record, other = moved(FRICTION, 11), moved(FRICTION, 21)

@@ -143,6 +143,7 @@ def stood(task, begun_at):
     return stands(task, Asked(1, (task.drive, task.free), task.free, (), DiagnoseOptions(), begun_at, ()))
 
 
+@pytest.mark.slow
 def test_a_base_that_was_led_astray_begins_again_from_its_start_values():
     base, _ = one_sensor(20)
     begun_at = {n: base.fitted.drive.value(n) for n in base.task.free}

@@ -24,6 +24,7 @@ def by_kind(found):
     return {e.kind: e for e in reversed(found)}
 
 
+@pytest.mark.slow
 def test_all_kinds_are_made_and_drawn_with_the_same_bytes():
     made = [replace(v, angle=v.angle + 5.0 * v.time) for v in views()]
     found = exhibits_of(made, INERTIA, [Round("backlash", FITTED)], 0.02)
@@ -112,6 +113,7 @@ def test_reversals_need_both_sides():
     assert list(found[0].index) == [3500] and list(found[0].direction) == [-1.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["gaps", "one body", "no angle", "standstill", "short", "constant torque"])
 def test_what_a_record_lacks_is_left_out(change):
     made = views(300 if change == "short" else 6000)

@@ -14,6 +14,7 @@ from tests.recover import STEP, experiment
 SIZE, PART, INERTIA, TORQUE, SENSOR = 12_000, 100, 2.0, 120.0, 0.01  # samples, samples, kg m^2, Nm, rad/s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [0.0, 0.02, 0.5])
 def test_attainable_fit_of_short_free_runs(time):
     """A free body sums its torque up: its error after k samples is (h / J)^2 times the sum of all covariances."""

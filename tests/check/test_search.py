@@ -311,8 +311,9 @@ def one_body_search(machine, codes, seed=3, size=6000, torque_noise=None):
 FRICTION = ("coulomb-motor", "stribeck-motor", "quadratic-drag", "asymmetric-friction")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("codes", "seed", "size"), [
-    (("coulomb-motor", "quadratic-drag"), 5, 2400), pytest.param(FRICTION, 3, 6000, marks=pytest.mark.slow)])
+    (("coulomb-motor", "quadratic-drag"), 5, 2400), (FRICTION, 3, 6000)])
 def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     machine = replace(BODY, coulomb=(0.08,), effects=Effects(quadratic=(4e-4,)))
     search = one_body_search(machine, codes, seed, size)
@@ -326,6 +327,7 @@ def test_two_laws_of_one_body_are_found_one_after_the_other(codes, seed, size):
     assert asked.rounds[-1].cause is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("power", [2.0, 1.0])
 def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
     """By a power held at two the rest of an exponential was a drag beside it."""

@@ -149,6 +149,7 @@ def test_bars_and_what_is_refused():
         judged(recording(1, motor_angle=np.zeros(8000)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [1e-3, 0.02, 1.0])
 def test_friction_far_too_steep_for_a_record_to_standstill_is_judged_all_the_same(speed):
     """Breakaway at 0.02 rad/s, as printed: its derivatives run away where the drive stands."""
@@ -166,6 +167,7 @@ def short_run(speeds, seed):
     return steady([e], one_body(), Options(method="coast-down"))
 
 
+@pytest.mark.slow
 def test_what_the_fit_leaves_open_is_no_other_friction():
     """Twenty models that are known badly: in another run-down each errs by what its covariance says."""
     times, named = [], 0

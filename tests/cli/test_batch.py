@@ -50,6 +50,7 @@ def test_the_files_are_those_of_the_step_by_hand_and_a_second_run_does_nothing(h
     assert sites.compared("site-results") == whole
 
 
+@pytest.mark.slow
 def test_the_summary_has_a_row_per_recording_step_and_parameter(here, call):
     sites.small(here, count=1)
     sites.write("logs/press1/02.parquet", 7).write_bytes(b"PAR1 cut")
@@ -71,6 +72,7 @@ def test_the_summary_has_a_row_per_recording_step_and_parameter(here, call):
     assert 'href="logs/press2/01/steady.yaml"' in page and "1 of 3 verdicts are missed" in page
 
 
+@pytest.mark.slow
 def test_one_worker_and_two_give_the_same_in_any_time_zone_and_locale(here):
     for name, workers, zone, locale in (("a", 1, "UTC", "C"), ("b", 2, "Asia/Kathmandu", "de_DE.UTF-8")):
         sites.small(here / name, count=2)
@@ -108,6 +110,7 @@ def test_killed_at_any_moment_it_goes_on(here):
     assert all(json.loads(line) for line in manifest.read_bytes().splitlines())
 
 
+@pytest.mark.slow
 def test_it_says_what_has_changed(here, call):
     sites.small(here, count=2)
     out = Path("site-results")
@@ -135,6 +138,7 @@ def test_it_says_what_has_changed(here, call):
     assert call("batch", "site.yaml", "--verify")[:2] == (3, "summary.csv: it is not what the results give\n")
 
 
+@pytest.mark.slow
 def test_equal_content_in_two_machines_is_fitted_once_and_each_file_is_as_by_hand(here, call):
     sites.write("logs/press1/01.parquet", 1)
     for name in ("press2/01", "press2/02"):
@@ -153,6 +157,7 @@ def test_equal_content_in_two_machines_is_fitted_once_and_each_file_is_as_by_han
     assert {r["machine"] for r in sites.table("site-results")} == {"press1", "press2"}
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_sentence_and_nothing_is_lost(here):
     sites.small(here)
 
@@ -169,6 +174,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_is_lost(here):
     assert run.communicate() == ("", "") and run.returncode == 0
 
 
+@pytest.mark.slow
 def test_names_that_are_no_text_and_results_of_another_batch(here, call):
     sites.write("logs/press 1/a & <k>.parquet", 1)
     shutil.copy("logs/press 1/a & <k>.parquet", os.fsdecode(b"logs/press 1/w\xe4rme.parquet"))
@@ -181,6 +187,7 @@ def test_names_that_are_no_text_and_results_of_another_batch(here, call):
     assert 'href="logs/press%201/a%20%26%20%3Ck%3E/steady.yaml"' in page and "a &amp; &lt;k&gt;.parquet" in page
 
 
+@pytest.mark.slow
 def test_recordings_on_the_command_line_with_a_recipe(here, call):
     sites.small(here, count=1)
     Path("recipe.yaml").write_text("schema: drivetool/site/1\nrecipe: [{kind: steady, command: steady}]\n")

@@ -13,6 +13,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_cluster_of_two_gives_the_same_bytes(here, call):
     distributed = pytest.importorskip("dask.distributed")
     for name in "own", "cluster":

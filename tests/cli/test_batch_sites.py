@@ -103,6 +103,7 @@ def test_bars():
     assert ran == {"a": (True, "", ("w: A warning.",)), "b": (False, "no", ())}
 
 
+@pytest.mark.slow
 def test_machines_by_name_metadata_and_files_beside_the_site_file(here, call):
     sites.write("flat/press3_01.parquet", 1)
     sites.write("noted/a.parquet", 2, metadata={"serial": "S 7/2"})
@@ -124,6 +125,7 @@ def test_machines_by_name_metadata_and_files_beside_the_site_file(here, call):
     assert {(r["recording"], r["order"]) for r in rows if r["step"] == "all" and not r["problem"]} == {("", 0)}
 
 
+@pytest.mark.slow
 def test_a_machine_whose_earlier_step_failed_or_that_has_no_judge(here, call):
     for name in ("press1/01", "press1/02", "press2/01"):
         sites.write(f"logs/{name}.parquet", hash(name) % 97)

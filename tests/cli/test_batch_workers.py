@@ -25,6 +25,7 @@ def looks(folder, *names):
     return [{"folder": str(folder), "look": name, "map": None} for name in names]
 
 
+@pytest.mark.slow
 def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
     """A pipe that nobody writes to is a recording that never ends."""
     for name in "good.parquet", "later.parquet":
@@ -45,6 +46,7 @@ def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
         pool.close()
 
 
+@pytest.mark.slow
 def test_limits_are_rows_and_higher_ones_are_tried(here, call):
     sites.small(here, count=1)
     code, _, err = call("batch", "site.yaml", "--time-limit", "0.001", "--workers", "1")

@@ -35,6 +35,7 @@ def test_acceleration_in_both_formats(call, tmp_path, suffix):
         "steady-acceleration-steady.png", "steady-acceleration-record.png"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, monkeypatch, suffix):
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO((ROOM / "drive.yaml").read_bytes())))
@@ -51,6 +52,7 @@ def test_a_clamped_record_in_both_formats_and_by_standard_input(call, tmp_path, 
     assert "Traceback" not in err and check["simulation_fit_percent"] > 85.0
 
 
+@pytest.mark.slow
 def test_the_mass_of_a_clamped_file_goes_into_the_rolling_one(call, tmp_path):
     log = ROOM / "held.parquet"
     call("greybox", log, *clamped(log), *GIVEN, "--out", tmp_path / "held.yaml")

@@ -66,6 +66,7 @@ def test_a_step_that_is_none_is_refused_before_anything_is_read(folder, call, co
     assert code == 2 and out == "" and err.count("\n") == 1 and "smooth" in err and "despike" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["spectra", "compare", "validate"])
 def test_the_steps_are_noted(folder, call, command):
     code, out, err = call(*words_for(command))

@@ -40,9 +40,10 @@ def error(content, name, truth):
     return abs(line["value"] / truth - 1.0), low <= truth <= high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("situation, size, number, seed, law", [
     ("asymmetry", "L", 6, 106, "friction differs by direction"),
-    pytest.param("cogging", "L", 3, 103, "torque repeats 16 times a turn", marks=pytest.mark.slow),
+    ("cogging", "L", 3, 103, "torque repeats 16 times a turn"),
     ("log-noise", "M", 2, 102, UNFELT)])
 def test_a_missing_law_is_named_and_does_not_bend_the_inertia(call, tmp_path, situation, size, number, seed, law):
     record = draw(situation, size, number, seed, 4.0)
@@ -94,7 +95,8 @@ def test_friction_that_falls_over_the_speed_ends_on_the_bound_and_goes_on(call, 
     assert code in (0, 3), err  # takes the file, whatever it says of it
 
 
-@pytest.mark.parametrize("number, seed", [(0, 200), pytest.param(4, 204, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number, seed", [(0, 200), (4, 204)])
 def test_a_torque_of_another_axis_explains_nothing(call, tmp_path, number, seed):
     record, other = draw("white", "", number, seed, 4.0), draw("white", "", (number + 3) % 8, seed + 40, 4.0)
     size = np.std(record.torque) / np.std(other.torque)

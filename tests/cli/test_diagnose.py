@@ -232,6 +232,7 @@ def test_the_page_makes_its_folder(folder, asked, call):
     assert Path("new/r.html").read_text().startswith("<!")
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(folder, asked, call):
     asked.answer = diagnosed.with_pictures(diagnosed.diagnosis())
     code, _, err = call(*WORDS, "-o", "x.yaml", "--report", "r.html")

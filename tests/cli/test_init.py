@@ -17,6 +17,7 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_recordings_of_one_kind(here, call):
     sites.small(here, count=2).unlink()
     code, out, err = call("init", "logs")

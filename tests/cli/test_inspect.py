@@ -226,6 +226,7 @@ def without_data(text):
     return "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_every_encoding_and_layout_gives_the_same_experiment_and_file(tmp_path, call):
     from drivetool.files.channel_map_file import load_channel_map
 

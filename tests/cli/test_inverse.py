@@ -86,6 +86,7 @@ def test_what_it_cannot_do_is_one_sentence(call, site, words, said):
     assert code == 2 and said in err and err.count("error:") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role, value, code, said", [
     ("motor_angle", 0.0, 1, "in which the motor moves"), ("motor_torque", 0.1, 3, "explains-nothing")])
 def test_a_signal_that_never_changes_is_said_in_one_sentence(call, site, role, value, code, said):
@@ -106,6 +107,7 @@ def test_a_short_record_is_refused(call, site):
     assert found == 1 and "independent samples" in err
 
 
+@pytest.mark.slow
 def test_a_diagnosis_by_the_torque_names_what_the_base_lacks(call, site):
     fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0")
     code, _, err = call("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--criterion", "inverse",
@@ -122,6 +124,7 @@ def test_a_diagnosis_by_the_torque_names_what_the_base_lacks(call, site):
     assert list(site.glob("*diagnosis-record.png")) and list(site.glob("*diagnosis-candidates.png"))
 
 
+@pytest.mark.slow
 def test_what_a_judging_record_has_of_its_own_is_fitted_to_it_and_to_no_other(call, site):
     fitted(call, site, "--hold", "motor.coulomb", "--set", "motor.coulomb=0")
     words = ("diagnose", site / "a.parquet", "--holdout", site / "b.parquet", "--params", site / "fit.yaml",
@@ -137,6 +140,7 @@ def test_what_a_judging_record_has_of_its_own_is_fitted_to_it_and_to_no_other(ca
     assert code == 2 and "free=" in err
 
 
+@pytest.mark.slow
 def test_a_simulation_of_a_base_that_was_fitted_to_the_torque_is_warned_of(call, site):
     fitted(call, site)
     words = ("diagnose", site / "a.parquet", "--params", site / "fit.yaml", "--candidates", "quadratic-drag",

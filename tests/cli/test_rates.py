@@ -115,6 +115,7 @@ def test_inspect_shows_every_rate_and_no_gap(call, place):
         assert channel["gaps"] == 0 and channel["lost"] == 0 and "1000 Hz, 250 Hz" in channel["clock"]
 
 
+@pytest.mark.slow
 def test_what_counts_recordings_counts_files(call, place):
     """A start, a record that differs and a copy are of a log, not of its rates."""
     code, out, err = call("greybox", "a.parquet", *COMMANDS["greybox"], "--start", "rest")

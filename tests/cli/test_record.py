@@ -34,6 +34,7 @@ def fitted(call, site, *words):
                 f"--record={c}", "free=motor.coulomb", "--out", site / "fit.yaml", *words)
 
 
+@pytest.mark.slow
 def test_the_file_says_what_differs_and_later_steps_read_it(call, site):
     code, _, err = fitted(call, site)
     assert code == 0, err
@@ -81,6 +82,7 @@ def test_a_diagnosis_knows_what_differs(call, site):
     assert abs(found["parameters"]["motor.coulomb@c.parquet"]["value"] - 0.42) < 0.01
 
 
+@pytest.mark.slow
 def test_a_start_of_one_recording(call, site):
     a, b = site / "a.parquet", site / "b.parquet"
     code, _, err = call("greybox", a, b, *ONE, "--record", a, "start=rest", "--record", b, "start=free",

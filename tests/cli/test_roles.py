@@ -84,6 +84,7 @@ def codes(content):
     return {f["code"]: f for f in content["findings"]}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("code_for_any_size")
 def test_sensors_of_all_bodies_hold_the_truth(place, call):
     write(place / "feed.parquet", feed())

@@ -29,6 +29,7 @@ def records(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_from_black_box_to_a_fit_in_the_frequency_domain(records, call):
     words = ("blackbox", "run1.parquet", "run2.parquet", "--structure", "oe", "--out", "b.yaml", "--plot", "p")
     code, _, talk = call(*words)

@@ -30,6 +30,7 @@ def test_a_run_up_tells_inertia_and_friction(written, kind):
         assert abs(p["value"] - truth) < 4.0 * p["std"] and p["std"] < 1e-4 * truth
 
 
+@pytest.mark.slow
 def test_the_file_simulates_the_run_up_and_is_judged_by_the_run_down(call, written, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = str(COAST / "supply.parquet")

@@ -56,6 +56,7 @@ def identified(call, record):
     return found
 
 
+@pytest.mark.slow
 def test_both_sides_of_one_rig_agree(call, rig):
     first, second = (identified(call, rig[name]) for name in ("motor", "load"))
     code, out, err = call("compare", "--swap", first, second, "--strict")
@@ -71,6 +72,7 @@ def test_both_sides_of_one_rig_agree(call, rig):
     assert file["findings"] == [] and [entry["file"] for entry in file["inputs"]] == ["motor.yaml", "load.yaml"]
 
 
+@pytest.mark.slow
 def test_a_load_that_is_a_fifth_heavier_in_the_second_is_named(call, rig):
     first, second = (identified(call, rig[name]) for name in ("motor", "heavier"))
     code, out, err = call("compare", "--swap", first, second)

@@ -69,6 +69,7 @@ def test_a_picture_per_machine(call, summary, tmp_path):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
 
 
+@pytest.mark.slow
 def test_the_same_bytes_in_any_time_zone_and_language(summary):
     texts = set()
     for zone, language in (("UTC", "C"), ("America/New_York", "de_DE.UTF-8"), ("Asia/Tokyo", "tr_TR.UTF-8")):

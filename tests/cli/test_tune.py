@@ -59,6 +59,7 @@ def read(path):
     return yaml.safe_load(Path(path).read_text())
 
 
+@pytest.mark.slow
 def test_gains_file_says_everything_and_repeats_to_the_byte(folder, call):
     words = "tune", "--params", "drive.yaml", "--params", "ratings.yaml", "--draws", 40
     code, as_json, err = call(*words, "--out", "gains.yaml", "--json")

@@ -124,6 +124,7 @@ def github_steps():
     return [(step["run"], "cancelled" in step.get("if", "")) for step in job["steps"] if "run" in step]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("worn", [False, True])
 def test_the_shell_parts_for_github_run(tmp_path, worn):
     recordings(tmp_path, worn)
@@ -139,6 +140,7 @@ def test_the_shell_parts_for_github_run(tmp_path, worn):
     assert (tmp_path / "summary.md").read_text().startswith("# drivetool: ")
 
 
+@pytest.mark.slow
 def test_the_shell_parts_for_gitlab_run(tmp_path):
     recordings(tmp_path, worn=True)
     job = yaml.safe_load((DOCS / "ci" / "gitlab-ci.yml").read_text())["drives"]

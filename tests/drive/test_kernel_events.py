@@ -84,6 +84,7 @@ def test_friction(coulomb, half_gap):
     assert error < REACHED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_three_bodies_with_everything(seed, law):

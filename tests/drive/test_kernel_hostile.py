@@ -55,6 +55,7 @@ def test_five_hundred_machines_do_not_care_about_sampling():
     assert 500 < located < 0.5 * 500 * 60
 
 
+@pytest.mark.slow
 def test_a_part_of_them_against_the_simulator():
     rng, errors = np.random.default_rng(77), []
     for _ in range(60):

@@ -191,6 +191,7 @@ def test_numbers_have_ten_digits_and_stay_numbers(value):
     assert from_yaml(to_yaml({"x": value}), "x") == {"x": read}
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
                     lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_any_plain_value_survives(value):

@@ -64,7 +64,8 @@ def label(tmp_path):
     return label
 
 
-@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_path, label, seed):
     folder = tmp_path / "records"
     folder.mkdir()
@@ -107,6 +108,7 @@ def test_other_laws_are_told_from_it_and_none_from_noise(tmp_path, hidden, law):
     assert found == ([law] if law else [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fall", [0.0, 0.01])
 def test_a_friction_that_falls_from_run_to_run_is_said_with_its_size(tmp_path, label, fall):
     folder = tmp_path / "records"
@@ -127,6 +129,7 @@ def test_a_friction_that_falls_from_run_to_run_is_said_with_its_size(tmp_path, l
     assert "friction-law-incomplete" not in [f["code"] for f in file["findings"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_belt_that_is_on_and_off_tells_the_ratio_of_the_inertias(tmp_path, label, seed):
     folder = tmp_path / "records"
@@ -142,6 +145,7 @@ def test_a_belt_that_is_on_and_off_tells_the_ratio_of_the_inertias(tmp_path, lab
     assert file["parameters"]["motor.inertia"]["std"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_of_a_load_behind_a_belt_a_known_pulley_tells_the_inertia(tmp_path, label, seed):
     """Motor alone, then with the known pulley on it, then with belt and load: the load as a second body."""
@@ -214,6 +218,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_what_tells_nothing_is_refused_in_a_sentence_with_what_to_record(tmp_path, name):
     words, parts = bad(name, tmp_path)
@@ -225,6 +230,7 @@ def test_what_tells_nothing_is_refused_in_a_sentence_with_what_to_record(tmp_pat
     assert all(part in line for part in parts), line
 
 
+@pytest.mark.slow
 def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
     coasting(tmp_path / "motor.parquet", PAPER, 1)
     coasting(tmp_path / "disc.parquet", replace(PAPER, inertia=PAPER.inertia + 5e-5), 2)
@@ -233,6 +239,7 @@ def test_an_added_inertia_with_a_wrong_unit_beside_a_held_one_is_said(tmp_path):
     assert "its unit" in finding(file, "run-downs-differ")["action"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "words", "says"), [
     ("diagnose", (), "take steady --method coast-down, which names the law"),
     ("greybox", ("--set", "motor.inertia=1"), "take steady --method coast-down")])
@@ -245,6 +252,7 @@ def test_other_commands_say_what_to_take_for_a_run_down(tmp_path, command, words
     assert says in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, known):
     """A tenth more Coulomb friction with the belt than without: the inertia is known no better than that."""
@@ -264,6 +272,7 @@ def test_a_belt_with_friction_of_its_own_widens_what_it_tells(tmp_path, label, k
     assert found["std"] > 0.02 * truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mcap", "parquet"])
 def test_the_fixtures_tell_the_truth_in_both_formats(tmp_path, kind):
     (tmp_path / "coast").symlink_to(FIXTURES / "coast")

@@ -104,6 +104,7 @@ def test_a_rig_without_a_radius_has_an_inertia():
     assert {"motor.viscous", "motor.idle_torque"} <= set(lines)
 
 
+@pytest.mark.slow
 def test_up_and_down_one_road():
     """A slope of 0.5 % within 0.05 %, and the rolling force of a level road."""
     up = record(up_and_down(450.0, 0.0), 3, on_a_slope(0.5), running(MACHINE, 20.0), "up")
@@ -121,6 +122,7 @@ def test_up_and_down_one_road():
     assert by["up"] > by["down"] and "records" not in str(found.drive.records)
 
 
+@pytest.mark.slow
 def test_three_slopes_are_not_up_and_down():
     runs = [record(up_and_down(450.0, 0.0), seed, on_a_slope(slope), running(MACHINE, 20.0), f"run{seed}")
             for seed, slope in ((31, 2.0), (32, -2.0), (33, 0.0))]
@@ -131,6 +133,7 @@ def test_three_slopes_are_not_up_and_down():
     close(told(found)["wheels.carried_mass"], MASS)
 
 
+@pytest.mark.slow
 def test_a_torque_without_its_sign_is_seen_between_the_intervals():
     run = record(np.repeat([450.0, 0.0, -300.0], 1600), 41)
     wrong = replace(run, signals={**run.signals, "motor_torque": np.abs(run.signals["motor_torque"])})
@@ -151,6 +154,7 @@ def test_the_probability_of_one_line_is_one():
     assert binomtest(int(np.sum(found < 0.05)), len(found), 0.05).pvalue > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [104, 108, 109])
 def test_under_strong_torque_noise_there_is_an_interval(seed):
     """Means over blocks leave so little of the sensor's noise that its likelihood is flat."""
@@ -219,6 +223,7 @@ def test_there_and_back_tells_friction_from_slope():
     assert note.evidence["slope_percent"] == pytest.approx(0.4, abs=0.02)
 
 
+@pytest.mark.slow
 def test_without_a_mass_a_constant_torque_is_no_slope():
     up, down = (bus(name) for name in ("uphill", "downhill"))
     (note,) = [f for f in steady([up, down], two_mass().with_values({"motor.inertia": 4.5, "shaft.ratio": 8.79}),

@@ -204,7 +204,7 @@ def test_an_open_gap_is_noticed():
     assert codes(blackbox([record], two_mass(), Options(starts=1)))["gap-may-have-opened"] == "warning"
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))])
 def test_truth_is_recovered(seed):
     machine = machine_by_seed(seed)
     truth = truth_of(machine)
@@ -219,6 +219,7 @@ def test_truth_is_recovered(seed):
     assert "failure" not in codes(estimate).values()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 5, 6, 7])
 def test_short_and_noisy_shows_the_resonance(seed):
     machine = machine_by_seed(seed)
@@ -247,6 +248,7 @@ def test_closed_loop_is_not_biased(seed):
     assert joint(estimate, truth_of(machine)) > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_angle_with_gear_load_torque_and_converter(order):
     base = machine_by_seed(5)
@@ -278,6 +280,7 @@ def test_one_body(angle):
         assert abs(p.value - value) < 4.0 * p.std and p.std < 0.03 * value, name
 
 
+@pytest.mark.slow
 def test_several_records_with_holes_and_both_criteria():
     machine = machine_by_seed(1)
     one, two = (record_of(machine, steps_of(machine, s), s) for s in (1, 2))
@@ -345,6 +348,7 @@ def test_bad_input_is_refused_in_words(rig):
             blackbox([record], drive, options)
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from([60, 100, 400]))
 def test_noise_alone_is_never_a_machine(seed, size):

@@ -53,6 +53,7 @@ def test_where_nothing_moves_the_shaft_the_answer_is_still_that():
 
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "words", "status"), [
     ({"total.viscous": 0.13}, {}, ("held", "fitted")),
     ({"motor.viscous": 0.5, "load.viscous": 0.5}, {"free": ("total.viscous",)}, ("fitted", "fitted")),

@@ -98,7 +98,8 @@ def test_sensitivities_are_differences(base, more):
             assert (np.abs(slopes[:, j]).max() == 0.0) == (foreign or hidden), name
 
 
-@pytest.mark.parametrize("criterion", ["auto", pytest.param("simulation", marks=pytest.mark.slow), "inverse"])
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", ["auto", "simulation", "inverse"])
 def test_what_differs_is_found_and_what_is_shared_is_not_bent(criterion):
     records = [record("a", 1), record("b", 2, inertia=0.026), record("c", 3, coulomb=0.42)]
     drive = drive_of({"motor.added_inertia@b": 0.006, "motor.coulomb": 0.2, "motor.coulomb@c": 0.2})
@@ -151,6 +152,7 @@ def test_a_recording_that_tells_nothing_of_what_is_freed_in_it(criterion):
     assert len(said) == 1 and "motor.inertia@b" in said[0]
 
 
+@pytest.mark.slow
 def test_every_recording_begins_in_its_own_state():
     """One from rest, one in motion: to take both for at rest bends the fit."""
     whole = record("a", 1)

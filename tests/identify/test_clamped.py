@@ -52,6 +52,7 @@ def test_without_a_start_the_load_follows_from_what_it_accelerates_with():
     assert found.value("load.inertia") == pytest.approx(22.1 + 12350.0 * 0.45**2, rel=0.2)
 
 
+@pytest.mark.slow
 def test_the_shaft_and_motor_from_a_clamped_record_alone():
     estimate = greybox([HELD], clamped(), Options())
     lines = {p.name: p for p in estimate.parameters if p.status == "fitted"}

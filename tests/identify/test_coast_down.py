@@ -221,6 +221,7 @@ def test_an_encoder_that_errs_beyond_its_counts_is_said_and_widens_the_intervals
     assert sum(f["coulomb_over_inertia"][2] for f in found) >= 9
 
 
+@pytest.mark.slow
 def test_a_friction_of_another_law_is_said():
     estimate = steady([run_down(1, replace(PAPER, drag=1e-8))], one_body(), HOW)
     assert "friction-law-incomplete" in codes(estimate)
@@ -230,6 +231,7 @@ def test_a_friction_of_another_law_is_said():
     assert abs(line.value - 1e-8 / PAPER.inertia) < 3.5 * line.std
 
 
+@pytest.mark.slow
 def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_mean():
     runs = [run_down(k, replace(PAPER, viscous=PAPER.viscous * (1.0 - 0.01 * k))) for k in range(4)]
     estimate = steady(runs, one_body(), HOW)
@@ -305,6 +307,7 @@ def to_standstill(speed, seed):
     return recording(seed, motor_angle=counts(angle, seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("speed", [5.0, 20.0])
 def test_breakaway_in_a_run_down_to_standstill(speed, seed):
@@ -318,6 +321,7 @@ def test_breakaway_in_a_run_down_to_standstill(speed, seed):
     assert "friction-law-incomplete" not in codes(estimate)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.02, 0.5])
 def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
     e = run_down(1, replace(PAPER, surplus=0.5 * PAPER.coulomb)) if speed == 0.02 else to_standstill(speed, 1)
@@ -329,6 +333,7 @@ def test_a_breakaway_that_a_run_down_hardly_meets_is_not_told(speed):
         assert abs(value - RATIOS[name]) < 3.5 * std
 
 
+@pytest.mark.slow
 def test_a_run_down_with_breakaway_fitted_without_it_is_said():
     estimate = steady([to_standstill(5.0, 1)], one_body(), HOW)
     assert "friction-law-incomplete" in codes(estimate)

@@ -78,6 +78,7 @@ def test_a_stretch_under_torque_gives_the_inertia_of_the_first_window():
     assert staged.details["scale"] == ["a stretch under torque"]
 
 
+@pytest.mark.slow
 def test_three_windows_of_a_run_down_with_breakaway():
     motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=5.0)
     angle, _ = motion(motor, lambda t: 0.0, 2240 * RPM, 1e-3, 5.0)
@@ -93,6 +94,7 @@ def test_three_windows_of_a_run_down_with_breakaway():
     assert values["motor.breakaway_speed"] == pytest.approx(5.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_window_that_ends_on_a_bound_says_so():
     """At 20 rad/s breakaway is felt in the second window, which holds it where it begins."""
     motor = replace(PAPER, surplus=0.5 * PAPER.coulomb, breakaway_speed=20.0)
@@ -106,6 +108,7 @@ def test_a_window_that_ends_on_a_bound_says_so():
     assert np.isfinite(staged.fit["rmse"])
 
 
+@pytest.mark.slow
 def test_the_printed_windows_tell_no_breakaway():
     free = ("motor.breakaway", "motor.breakaway_speed")
     staged = steady([run_down(1)], one_body(), replace(HOW, free=free, stages=PRINTED))

@@ -71,6 +71,7 @@ def test_another_friction_is_told_and_nothing_else():
     assert "another day" in told.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
 def test_a_reversal_across_records_counts(criterion):
     """Each record turns one way only; together they tell Coulomb friction from an idle torque."""
@@ -97,6 +98,7 @@ def group(rng, prefix, count, mean, scatter, std):
                              for j in range(len(mean))} for i in range(count)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count, std", [(10, 0.1), (10, 1.5), (3, 0.5), (2, 0.5)])
 def test_equal_machines_are_hardly_ever_told_apart(count, std):
     """Whatever part of what varies is noise, and however few recordings there are."""

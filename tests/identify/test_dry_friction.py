@@ -59,6 +59,7 @@ def test_it_is_fitted_where_the_drive_hardly_turns_back(seed):
     assert held.status == "held" and held.value == 0.8 * true
 
 
+@pytest.mark.slow
 def test_a_drive_that_stops_but_never_turns_back_keeps_what_was_given():
     # In one direction friction and idle torque add up; that it stands says only that the one outweighs the other.
     machine = dry(4)

@@ -18,6 +18,7 @@ def lines(task, known, criterion):
     return {p.name: p for p in found.parameters}, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("situation, size", [("white", ""), ("cogging", "L")])
 def test_the_uncertainty_of_a_held_value_is_in_the_interval(situation, size):
     task = drawn(situation, size, 2, 52)

@@ -68,6 +68,7 @@ def test_the_law_of_the_machine_is_named_and_its_gap_found(law):
     assert not [f for f in estimate.findings if f.severity != "note"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lead", "code"), [(0.6 * TOLD, "gap-law-undetermined"), (1.6 * TOLD, "gap-law")])
 def test_a_law_is_named_from_seven_of_log_likelihood_on(lead, code):
     assert 4.5 < TOLD < 9.0
@@ -90,6 +91,7 @@ def test_a_half_gap_that_is_held_is_not_looked_for():
     assert both_laws(replace(task, free=("shaft.half_gap", "shaft.half_gap@gap")), Options()) is None
 
 
+@pytest.mark.slow
 def test_a_law_whose_rival_has_no_fit_is_not_named():
     both = both_laws(task_of(rig("heavy", "always", 0.863), damping=0.5), Options())
     found = law_told(replace(both, each={"always": both.outcome}), "shaft")

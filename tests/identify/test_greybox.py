@@ -226,6 +226,7 @@ def test_options_that_cannot_be(options, error, words):
         greybox([linear_record(MACHINE, 51, 3.0)], start(), options)
 
 
+@pytest.mark.slow
 def test_a_linear_fit_that_went_astray_comes_in_another_way(tmp_path):
     """From 15 % off the direct way ends with a rigid drive, 1500 units of log likelihood below the optimum."""
     case = make_case((), 60812, seed=60812)

@@ -17,8 +17,8 @@ from tests.recover import experiment
 from tests.study.coupled_axes.arm import STEP, draw
 
 
-@pytest.mark.parametrize("number, seed, seconds", [
-    (17, 8017, 6.0), pytest.param(2, 8002, None, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number, seed, seconds", [(17, 8017, 6.0), (2, 8002, None)])
 def test_a_joint_whose_neighbour_moves_is_no_one_body(number, seed, seconds):
     joint = draw(number, seed, seconds)
     assert joint.coupled > 0.9

@@ -86,6 +86,7 @@ def test_without_noise_it_is_exact(role):
     assert e.fit["torque_rmse_over_rms_percent"] < 1.0
 
 
+@pytest.mark.slow
 def test_laws_that_are_not_linear_are_found_from_far():
     more = 0.3 * S.side * np.exp(-(W / 1.5) ** 2) - 0.2 * np.sin(Q + 0.5)
     drive = START.with_values({"motor.stribeck": 0.1, "motor.stribeck_speed": 3.0})
@@ -131,6 +132,7 @@ def test_instruments_have_no_bias_where_least_squares_has(reference):
         assert np.mean([abs(e) < 1.96 * s for e, s in errors[with_it]]) >= least
 
 
+@pytest.mark.slow
 def test_the_stated_std_is_that_of_its_parts_whatever_the_units():
     more = 0.3 * S.side * np.exp(-(W / 1.5) ** 2)
     drive = START.with_values({"motor.stribeck": 0.1, "motor.stribeck_speed": 3.0})
@@ -159,6 +161,7 @@ def test_the_first_stage_is_an_f_of_the_numbers_fitted():
     assert with_instruments(both, "motor_angle", "reference_angle").fitted == count + 2
 
 
+@pytest.mark.slow
 def test_recordings_have_zeros_of_their_own():
     """A speed reference says nothing of where an angle began."""
     each = [loop_record(MACHINES[0], seed, 0.03, seconds=8.0) for seed in (1, 2)]
@@ -179,6 +182,7 @@ def codes(e):
     return {f.code for f in e.findings}
 
 
+@pytest.mark.slow
 def test_what_is_said_of_the_reference():
     made = loop_record(MACHINES[0], 1)
     with_it = greybox([made], MACHINES[0].start, Options(criterion="inverse"))
@@ -234,6 +238,7 @@ def test_what_it_cannot_do_it_refuses(drive, options, words):
         greybox([record(S)], drive, Options(criterion="inverse", **options))
 
 
+@pytest.mark.slow
 def test_reversals_that_the_filter_rounds_are_left_out():
     """An axis that is slowly sampled: with them its dry friction would be 0.2 % too small, two scatters of one."""
     axis, errors = MACHINES[3], []

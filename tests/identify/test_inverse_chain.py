@@ -76,6 +76,7 @@ def test_derivatives_are_those_of_the_values():
         assert np.quantile(off, 0.98) < 1e-3 * size, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", [MACHINE, GEARED], ids=["gap", "gear"])
 def test_a_chain_with_a_gap_is_recovered(machine):
     records = [moved(machine, seed, 2e-3, 0.02)[0] for seed in (5, 55)]

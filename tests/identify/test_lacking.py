@@ -25,6 +25,7 @@ def fitted(axis, made):
     return greybox([made], axis.start, Options(criterion="inverse"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_reference", [True, False])
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_found_and_the_inertia_is_right(name, with_reference):
@@ -51,6 +52,7 @@ def test_the_size_of_a_law_is_that_of_its_torque():
     assert law.factors == pytest.approx(wanted, abs=5.0 * max(law.std) + 0.003)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_reference", [True, False])
 @pytest.mark.parametrize("place", range(len(MACHINES)))
 def test_a_disturbance_in_the_loop_is_no_law(place, with_reference):

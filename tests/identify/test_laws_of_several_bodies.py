@@ -100,6 +100,7 @@ def test_the_motion_of_the_load_is_that_of_its_sensor_or_of_the_fit():
     assert 0.0 < np.sqrt(np.mean((both[0] - both[1]) ** 2)) < 0.5 * np.std(both[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("held", "freed"), [((), True), (("load.coulomb",), False)])
 def test_dry_friction_of_the_load_is_freed_unless_it_is_held(held, freed):
     task, drawn = task_of("load.dry", "M", 2, 974)

@@ -34,6 +34,7 @@ def slipped(record, size):
     return replace(record, signals=record.signals | {"motor_speed": speed})
 
 
+@pytest.mark.slow
 def test_slips_of_a_sensor_are_left_out_and_said(record):
     clean, found = fitted(record), fitted(slipped(record, 20.0))
     assert "samples-left-out" not in {f.code for f in clean.findings}

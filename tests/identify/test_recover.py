@@ -130,6 +130,7 @@ def test_the_fit_of_a_light_load_is_reproducible(fitted):
     assert one.covariance.matrix.tobytes() == two.covariance.matrix.tobytes()
 
 
+@pytest.mark.slow
 def test_a_light_load_whose_inertia_is_to_be_held_gets_a_warning_and_no_interval(fitted):
     machine, linear = machine_by_seed(25, gap=0.2), fitted(25)
     record, _ = gap_record(machine, 25)
@@ -193,6 +194,7 @@ def test_preloaded_record_says_that_the_gap_was_not_opened(fitted):
     assert "gap-not-opened" in {f.code for f in estimate.findings}
 
 
+@pytest.mark.slow
 def test_a_record_without_gap_gives_an_upper_limit(fitted):
     machine = machine_by_seed(20, gap=0.0)
     record, _ = gap_record(machine, 20)

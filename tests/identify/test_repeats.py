@@ -52,6 +52,7 @@ def test_the_interval_is_students_where_the_scatter_is_all():
     assert half_width(2.0, 0.5, 2.0) == pytest.approx(Z95 * 2.0, rel=0.01)  # hardly any of it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count, least", [(2, 0.81), (3, 0.86), (5, 0.89), (10, 0.92)])
 @pytest.mark.parametrize("scatter", [0.0, 2.0, 30.0])
 def test_intervals_hold_however_much_of_it_is_scatter(count, scatter, least):
@@ -116,8 +117,8 @@ def test_a_scatter_beyond_noise_is_said():
     assert said.code == "records-scatter" and "motor.inertia by 2 kg m^2" in said.text
 
 
-@pytest.mark.parametrize("criterion", [
-    *(pytest.param(each, marks=pytest.mark.slow) for each in ("auto", "simulation")), "inverse"])
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", ["auto", "simulation", "inverse"])
 def test_the_machine_is_held_and_not_the_day(criterion):
     """Six days that scatter by 1.5 %: one of them by itself knows its own day far better than the machine."""
     held, one, narrow = 0, [], []
@@ -139,6 +140,7 @@ def test_the_machine_is_held_and_not_the_day(criterion):
     assert np.median(np.array(one) / narrow) > 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
 def test_equal_days_do_not_scatter(criterion):
     values = machine_of(3)
@@ -161,6 +163,7 @@ def test_what_only_noise_tells_apart_is_not_told():
     assert tells(loose, np.linalg.inv(loose)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
 def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion):
     """By least squares its noise alone would say that it has none."""
@@ -178,6 +181,7 @@ def test_a_recording_at_one_speed_has_no_say_in_how_the_inertia_varies(criterion
         assert abs(p.value - true) < 4.0 * p.std and p.std < 2.0 * two[name].std + 1e-3 * true, name
 
 
+@pytest.mark.slow
 def test_with_instruments_the_scatter_is_that_of_the_machines():
     """Held against what was simulated: the bound of what noise does to least squares would hide half of it."""
     axis, rng = MACHINES[2], np.random.default_rng(12)

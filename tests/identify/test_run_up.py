@@ -40,12 +40,14 @@ def test_a_run_up_tells_inertia_and_friction(phases):
     assert values(estimate)["motor.rotor_resistance"].reason == "taken as known"
 
 
+@pytest.mark.slow
 def test_the_no_load_speed_is_where_a_general_solver_ends():
     (found,) = (p for p in fitted(switched(10)).ratios if p.name == "no_load_speed")
     assert abs(found.value - run_up(Machine(), 1.5)[1, -1]) < 4.0 * found.std
     assert 0.0 < found.std < 1e-6 * found.value
 
 
+@pytest.mark.slow
 def test_two_pole_pairs_and_another_frequency():
     machine = Machine(voltage=150.0, frequency=60.0, pairs=2, motor=Motor(inertia=2e-4))
     estimate = fitted(switched(2, machine), drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
@@ -53,6 +55,7 @@ def test_two_pole_pairs_and_another_frequency():
     assert estimate.drive.value("motor.supply_frequency") == 60.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.99, 1.01])
 def test_a_voltage_that_is_wrong_by_one_per_cent_shows_as_two_in_the_inertia(factor):
     e = switched(3)
@@ -60,6 +63,7 @@ def test_a_voltage_that_is_wrong_by_one_per_cent_shows_as_two_in_the_inertia(fac
     assert values(fitted(e))["motor.inertia"].value / 8.7499e-5 == pytest.approx(factor**2, abs=3e-3)
 
 
+@pytest.mark.slow
 def test_another_resistance_is_said_and_another_number_of_poles_refused():
     e = switched(4)
     found = fitted(e, drive=KNOWN.with_values({"motor.rotor_resistance": 44.0}))
@@ -69,6 +73,7 @@ def test_another_resistance_is_said_and_another_number_of_poles_refused():
         fitted(e, drive=KNOWN.with_values({"motor.pole_pairs": 2.0}))
 
 
+@pytest.mark.slow
 def test_the_flux_is_waited_for_by_itself():
     assert flux_decay(KNOWN) == pytest.approx(3.0 * 2.06 / 42.2)
     assert flux_decay(one_body()) == 0.0
@@ -79,6 +84,7 @@ def test_the_flux_is_waited_for_by_itself():
     assert told[1]["start"] - told[0]["end"] == pytest.approx(0.3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_under_supply_finds_its_fluxes():
     e = switched(6)
     first = 4000  # 0.15 s after switching on
@@ -88,6 +94,7 @@ def test_a_record_that_begins_under_supply_finds_its_fluxes():
         assert abs(p.value - truth) < 4.0 * p.std
 
 
+@pytest.mark.slow
 def test_what_is_no_supply_is_refused():
     e = switched(7)
     angle, voltage = e.signals["motor_angle"], e.signals["supply_voltage"]
@@ -98,6 +105,7 @@ def test_what_is_no_supply_is_refused():
             fitted(replace(e, signals={"motor_angle": angle, **signals}))
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_no_induction_motor_keeps_its_recordings():
     e = switched(8)
     assert as_stator_voltages((e,), one_body())[0] == (e,)

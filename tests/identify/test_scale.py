@@ -38,6 +38,7 @@ def as_it_is():
 
 
 # Powers of two: no rounding changes.
+@pytest.mark.slow
 @pytest.mark.parametrize("torque, speed", [(2.0**20, 1.0), (2.0**20, 2.0**-17), (2.0**-17, 2.0**10)])
 def test_a_record_in_other_units_has_the_same_fit(as_it_is, torque, speed):
     figures, codes, sentence = fitted(torque, speed)

@@ -32,6 +32,7 @@ def fitted(told, duration, **words):
     return greybox([record], START if told is None else told.drive, options)
 
 
+@pytest.mark.slow
 def test_the_record_decides_what_it_tells_and_says_where_the_file_had_it_otherwise(told):
     estimate = fitted(told, 8.0)
     lines = {p.name: p for p in estimate.parameters}
@@ -44,6 +45,7 @@ def test_the_record_decides_what_it_tells_and_says_where_the_file_had_it_otherwi
     assert not {"model-error", "not-settled"} & {f.code for f in estimate.findings}
 
 
+@pytest.mark.slow
 def test_without_a_file_the_sides_are_never_summed():
     lines = {p.name: p for p in fitted(None, 8.0).parameters}
     assert not [n for n in lines if n.startswith("total.")]
@@ -51,6 +53,7 @@ def test_without_a_file_the_sides_are_never_summed():
         assert lines[name].ci95[0] <= TRUE[name] <= lines[name].ci95[1], name
 
 
+@pytest.mark.slow
 def test_a_sum_that_is_asked_for_is_fitted():
     estimate = fitted(None, 2.0, hold=("total.viscous",))
     assert {p.name: p.status for p in estimate.parameters}["total.viscous"] == "held"

@@ -66,6 +66,7 @@ def test_the_file_says_which_states_were_known(resting):
     assert "known_start" not in free.details and "start-contradicted" not in codes(known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["innovations", "simulation"])
 def test_a_record_that_does_not_begin_so_is_seen_through(criterion):
     moving = record(running(MACHINE, 2.0))

@@ -31,6 +31,7 @@ def covariance(memory, slow, size):
     return toeplitz(kick**2 / (1.0 - m**2) * m**lags + np.where(lags > 0, kick * m ** (lags - 1.0), 1.0))
 
 
+@pytest.mark.slow
 @MODELS
 def test_torque_noise_and_its_motion_are_those_of_the_model_from_the_first_sample_on(memory, slow):
     """Torque, and the speed of a free body that sums it up: T R T' of both, all draws together."""

@@ -69,8 +69,8 @@ def row(estimate, name="motor.inertia"):
     return next(p for p in estimate.parameters if p.name == name)
 
 
-@pytest.mark.parametrize("noise", [
-    0.02, *(pytest.param(noise, marks=pytest.mark.slow) for noise in (0.002, 0.1))])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.02, 0.002, 0.1])
 @pytest.mark.parametrize("way", ["late", "early"])
 def test_a_shift_is_found_and_its_cure_is_one(way, noise):
     torque, speed = axis(3, noise)
@@ -87,7 +87,8 @@ def test_a_shift_is_found_and_its_cure_is_one(way, noise):
     assert not told(looked_at(record(torque, speed)))
 
 
-@pytest.mark.parametrize("way", ["right", "late", pytest.param("early", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("way", ["right", "late", "early"])
 def test_two_masses(way):
     machine = machine_by_seed(1)
     whole = linear_record(machine, 1)
@@ -134,11 +135,13 @@ def test_nothing_else_is_taken_for_it(make):
     assert not told(fitted(experiment).findings) and not told(looked_at(experiment))
 
 
+@pytest.mark.slow
 def test_a_loop_tells_it_too():
     torque, speed = closed_loop()
     assert set(told(fitted(record(torque, speed, "late")).findings)) == {"torque-late"}
 
 
+@pytest.mark.slow
 def test_bounds_have_a_reason(monkeypatch):
     """A tenth of what a model may leave, and a shift goes unseen; all of it, and one body explains a resonance."""
     right, wrong = (recorded_timing._one_body(record(*given, "late")) for given in (axis(3), ringing()))

@@ -423,6 +423,7 @@ def test_a_part_that_is_left_out_is_not_checked(late, parts):
         np.testing.assert_array_equal(found.signals["motor_speed"], speed[:2400])
 
 
+@pytest.mark.slow
 def test_an_inertia_is_what_it_is_beside_a_part_that_is_omitted():
     torque = np.sign(np.sin(7.0 * TIME))
     speed = np.concatenate([[0.0], np.cumsum(torque)[:-1]]) * STEP / 0.5

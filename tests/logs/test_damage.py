@@ -55,6 +55,7 @@ def check_cut(path, raw, cut, ends):
 LAYOUTS = {"loose": {"chunked": False}, "chunks": {"compression": CompressionType.NONE, "chunk": 1000}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("encoding", ["json", "cdr", "protobuf"])
 def test_cut_at_some_bytes(tmp_path, layout, encoding):
@@ -145,6 +146,7 @@ def damage(path, raw, rng, checked):
             assert channel is None or set(channel.values[np.isfinite(channel.values)]) <= set(SPEED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", encodings.ENCODINGS)
 def test_damaged_somewhere(tmp_path, encoding):
     rng = np.random.default_rng(5)

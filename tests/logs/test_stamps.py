@@ -201,6 +201,7 @@ def counted(tmp_path, bits, unit, dtype, step=0.002, **entry):
     return open_experiment(tmp_path / "a.parquet", channel_map(time={"channel": "t", "unit": unit, **entry}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bits", "unit", "dtype"), [
     (32, "us", np.uint32), (32, "us", np.float64), (32, "ns", np.uint32), (16, "ms", np.uint16)])
 def test_a_counter_that_starts_again(tmp_path, bits, unit, dtype):
@@ -324,6 +325,7 @@ def test_tables_of_two_rates_joined_on_time():
     np.testing.assert_array_equal(found.signals["motor_torque"], whole.signals["motor_torque"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_sensor_slower_than_the_torque_and_off_its_clock(seed):
     """Speed at 100 Hz, 0.4 ms behind a held torque at 1 kHz; exact, since the speed is a straight line between."""

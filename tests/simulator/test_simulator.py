@@ -101,6 +101,7 @@ def test_release_and_capture_at_the_start_of_a_step(excess):
     np.testing.assert_allclose(coarse.speeds, fine.speeds[::10], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [0.01, 0.05, 0.5, 0.95, 0.99])
 def test_a_touch_anywhere_in_a_long_flight_is_seen(when):
     """Across the gap motion is a parabola, so that the integrator flies over a whole sample in one step.
@@ -171,6 +172,7 @@ def test_damping_that_acts_always_brakes_in_the_gap():
     assert not run.contact.any()
 
 
+@pytest.mark.slow
 def test_contact_never_pulls_with_damping_inside_but_does_with_damping_always():
     pulls = {}
     for law in ("inside", "always"):

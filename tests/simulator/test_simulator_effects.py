@@ -150,6 +150,7 @@ def test_imbalance_is_a_pendulum(run):
     assert made.angles[:, 1].min() < -0.5
 
 
+@pytest.mark.slow
 @BOTH
 def test_direction_decides_on_friction(run):
     effects = Effects(viscous_back=(0.5,), coulomb_back=(1.0,))

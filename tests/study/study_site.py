@@ -2,8 +2,8 @@
 
     python -m tests.study.study_site FOLDER [seed] [kills]
 
-The site is run whole by one worker, and by two that are killed at random times and started again. Stated are
-what became of the good and of the bad recordings, the alarms, whether both runs gave the same bytes, the time and the memory.
+The site is run whole by one worker, and by two that are killed at random times and started again. Stated are what
+became of the good and of the bad recordings, the alarms, whether both runs gave the same bytes, time and memory.
 """
 
 from __future__ import annotations

@@ -30,6 +30,7 @@ def test_a_body_of_varying_inertia_keeps_its_energy():
     assert np.ptp(angle) > np.pi
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number, seed", [(6, 8506), (2, 8502)])
 def test_a_varying_inertia_is_told_in_its_mean(number, seed):
     record = varying.draw(number, seed)

@@ -309,6 +309,7 @@ def test_start_values_are_about_the_truth_and_guesses_where_more_is_freed():
     assert start_values(gap, 1)[HALF_GAP] == pytest.approx(gap.truth.half_gap, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("situation", "estimator", "bound"), [
     ("noise-free", "simulation", 1e-3), ("gap+noise-free", "innovations", 1e-5),
     ("load.dry", "innovations+load.coulomb", 0.02)])

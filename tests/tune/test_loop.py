@@ -71,6 +71,7 @@ def test_criteria_and_factors_against_a_fine_time_simulation(name):
     assert load.settling_time == pytest.approx(time[np.flatnonzero(np.abs(e) > 0.05 * -e.min())[-1]], abs=3 * h)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_exact_dead_time_against_the_independent_simulator(order):
     """Its delay is a delay; its controller is discrete, whose hold is half a sample more of it."""
@@ -187,10 +188,9 @@ def lowering(drive, kind, limits=(2.4, 2.0, 1.7, 1.4), wiring=None):
         assert tight >= wide * (1.0 - 1e-5)
 
 
-@pytest.mark.parametrize("dead_time", [pytest.param("exact", marks=pytest.mark.slow), "zero"])
-@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), *(
-    pytest.param(*case, marks=pytest.mark.slow)
-    for case in (("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")))])
+@pytest.mark.slow
+@pytest.mark.parametrize("dead_time", ["exact", "zero"])
+@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), ("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")])
 def test_a_limit_that_is_as_good_as_none_never_raises_the_criterion(name, kind, dead_time):
     lowering(two_mass_plant(name), kind, (np.inf, 1000.0, 100.0, 10.0, 2.0), Wiring(dead_time=dead_time))
 
@@ -252,6 +252,7 @@ def test_optimum_repeats_to_the_last_digit():
     assert first == again
 
 
+@pytest.mark.slow
 def test_a_weight_on_the_torque_trades_speed_for_torque():
     loop = build(two_mass_plant("medium"), Wiring())
     torque, speed = criterion("IAE", {"load_speed": 0.0, "motor_torque": 1.0}), criterion("IAE")
@@ -273,6 +274,7 @@ def test_rigid_drive_and_filter_without_converter():
         check_finite(task(build(rigid, Wiring()), criterion("IAE"), Limits()))
 
 
+@pytest.mark.slow
 def test_a_drive_without_damping_or_friction():
     drive = two_mass().with_values({
         "motor.inertia": 0.5, "load.inertia": 5.0, "shaft.stiffness": 3000.0, "converter.bandwidth": 433.0,

@@ -45,6 +45,7 @@ def test_draws_have_the_covariance_with_its_correlation():
     assert draw(HEAVY, COVARIANCE, 10, 1).drives != draw(HEAVY, COVARIANCE, 10, 2).drives
 
 
+@pytest.mark.slow
 def test_unphysical_draws_are_left_out_and_counted():
     wide = joint(HEAVY, None, {"shaft.damping": 224.0})
     draws = draw(HEAVY, wide, 2000, 1)
@@ -55,6 +56,7 @@ def test_unphysical_draws_are_left_out_and_counted():
     assert [f.severity for f in gains.findings if f.code == "unphysical-draws"] == ["warning"]
 
 
+@pytest.mark.slow
 def test_correlation_matters_and_is_kept():
     at = Settings(1968.0, 0.0554)
     alone = Covariance(COVARIANCE.names, np.diag(np.diag(COVARIANCE.matrix)))
@@ -97,6 +99,7 @@ def test_published_study():
         assert after.damping_ratio == pytest.approx(before.damping_ratio, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_infeasible_limits_name_the_nearest():
     with pytest.raises(BadOption, match=r"above 1; found 0.9"):
         tune(HEAVY, TuneOptions(limits=Limits(0.9)))
@@ -110,6 +113,7 @@ def test_infeasible_limits_name_the_nearest():
     assert tune(HEAVY, TuneOptions(limits=Limits(1.5, 1.05 * least))).designs[0].active == "gain"
 
 
+@pytest.mark.slow
 def test_gain_limit_is_kept():
     design = tune(HEAVY, TuneOptions(limits=Limits(2.0, 1000.0))).designs[0]
     assert design.active == "gain" and design.settings.gain <= 1000.0 * (1 + 1e-9)
@@ -185,6 +189,7 @@ def test_hunting_against_the_independent_simulator():
     assert (len(up) - 1) / ((up[-1] - up[0]) * h) == pytest.approx(mine.cycle.frequency, rel=0.01)
 
 
+@pytest.mark.slow
 def test_below_the_safe_gain_nothing_hunts():
     loop = build(CYCLING, FILTERED)
     safe = safe_gain(loop, CYCLING_AT)
@@ -196,6 +201,7 @@ def test_below_the_safe_gain_nothing_hunts():
                                                       Settings(1968.0, 0.0554)))
 
 
+@pytest.mark.slow
 def test_hunting_is_told():
     gains = tune(CYCLING, TuneOptions(speed_filter=0.002))
     told = [f for f in gains.findings if f.code == "loop-hunts"]

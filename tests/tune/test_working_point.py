@@ -283,6 +283,7 @@ def test_a_filter_of_the_sensor_limits_the_gain():
     check_finite(task(build(bare.with_values({"sensor.bandwidth": 100.0}), Wiring()), criterion("IAE"), Limits()))
 
 
+@pytest.mark.slow
 def test_the_design_and_its_spread_have_the_filter_and_the_drag():
     """Ms of the settings by equations of this file; over the draws it varies with sensor and drag alone."""
     drive = RIGID.with_values({"sensor.bandwidth": 60.0, "motor.drag": 1e-3})

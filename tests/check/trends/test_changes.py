@@ -28,6 +28,7 @@ def test_a_step_and_a_drift_are_found_and_nothing_else(seed):
     assert {f.evidence["machine"] for f in found} == {"press 3", "press 5"}
 
 
+@pytest.mark.slow
 def test_a_step_is_found_with_the_second_recording_after_it():
     """With the first it may be a bad recording. Seven of eight are found, 12 of 20 by 99 % of such runs."""
     found = {1: 0, 2: 0}
@@ -60,15 +61,18 @@ def alarms_of(noise):
     return found.count("trend-alarm"), found.count("small-change")
 
 
+@pytest.mark.slow
 def test_machines_that_do_not_change_raise_at_most_one_alarm_in_twenty_sites():
     assert sum(alarms_of(normal)) <= 1
 
 
+@pytest.mark.slow
 def test_heavy_tails_raise_no_more():
     """Three degrees of freedom: single far recordings count less than they would in a mean."""
     assert sum(alarms_of(student(3))) <= 1
 
 
+@pytest.mark.slow
 def test_neighbours_that_are_alike_raise_few():
     """Correlated by 0.5 the 800 series wander; a wave of 25 recordings looks like a step in about one of 100."""
     alarms, small = alarms_of(autoregressive(0.5))

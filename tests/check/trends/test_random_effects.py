@@ -15,6 +15,7 @@ def drawn(rng, days, per_day):
     return 5.0 + between[day] + np.hypot(S_R, stated) * rng.normal(size=len(day)), stated**2, day
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("days, per_day", [(3, 1), (4, 3), (10, 2), (1, 6)])
 def test_the_interval_covers_and_the_scatter_comes_out(days, per_day):
     """At least 92 % by the 99 % interval of 400 draws, at most what 95 % allow."""
