@@ -60,6 +60,33 @@ def test_limits_are_rows_and_higher_ones_are_tried(here, call):
     assert code == 0 and "2 of them run now" in err
 
 
+@pytest.mark.slow
+def test_in_a_site_a_recording_that_kills_its_worker_and_one_that_never_ends_are_rows(here, call, monkeypatch):
+    """The others are fitted; a second run leaves both rows as they are, and --retry does the two again."""
+    sites.small(here, machines=("press1",), count=4)
+    give = Worker.give
+
+    def harmed(worker, index, task):
+        name = " ".join(task.get("words", ()))
+        give(worker, index, looks(here, "endless")[0] if "03.parquet" in name else task)
+        if "02.parquet" in name:
+            worker.process.kill()
+
+    os.mkfifo("endless")
+    monkeypatch.setattr(Worker, "give", harmed)
+    code, _, err = call("batch", "site.yaml", "--time-limit", "10", "--workers", "2")
+    assert code == 3 and "4 results, 4 of them run now, 2 with a problem" in err
+    one = [row for row in sites.table("site-results") if row["parameter"] in (None, "motor.viscous")]
+    problems = [row["problem"] for row in one]
+    assert problems[0] is None and problems[3] is None
+    assert "its worker process ended first (signal 9, SIGKILL)" in problems[1]
+    assert "within 10 s (--time-limit); found it still at work" in problems[2]
+    monkeypatch.setattr(Worker, "give", give)
+    assert "0 of them run now, 2 with a problem" in call("batch", "site.yaml", "--time-limit", "10")[2]
+    code, _, err = call("batch", "site.yaml", "--time-limit", "10", "--retry")
+    assert code == 0 and "2 of them run now, 0 with a problem" in err
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the memory of a process is told by Linux")
 def test_too_much_memory(here, call):
     sites.small(here, count=1)
