@@ -112,6 +112,9 @@ def figures(told: Told) -> Mapping[str, Figure]:
 
 
 def _nowhere(bar: BarSection, entries: Sequence[Entry]) -> str:
+    if bar.findings:
+        return (f"wanted {bar_name(bar)}; found no file of {bar.step or 'any step'}. See the problems in the "
+                "summary.")
     known = sorted({name for e in entries if e.told is not None for name in figures(e.told)})
     return (f"wanted {bar_name(bar)}; found no file with it (available: {', '.join(known) or 'none'}). "
             "Correct the bar, or add the step that gives the figure.")
