@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from drivetool.cli.batch import agenda, site
-from drivetool.cli.batch.recipe import Step
+from drivetool.cli.batch.recipe import Step, steps_of
 from drivetool.cli.batch.recordings import Machine, Recording, find, machines_of
 from drivetool.cli.batch.run import run_site
 from drivetool.cli.batch.setting import Setting
@@ -154,6 +154,15 @@ def test_names_of_machines_that_are_one_as_a_folder_matter_to_joint_fits_alone()
     assert [machine.name for machine in machines_of(found, {}, False)[0]] == ["S 7/2", "S 7_2"]
     with pytest.raises(BadParameters, match="the same folder"):
         machines_of(found, {}, True)
+
+
+def test_the_order_of_parameter_files_by_hand_is_an_input(here):
+    for name in "a", "b":
+        Path(f"{name}.yaml").write_text("x")
+    sites.write_site(here, recipe=[{"command": "steady --params a.yaml --params b.yaml", "name": "one"},
+                                   {"command": "steady --params b.yaml --params a.yaml", "name": "two"}])
+    one, two = steps_of(load_site("site.yaml"), here, "site.yaml")
+    assert one.files == two.files and one.options != two.options
 
 
 def test_a_recording_that_judges_with_another_map_is_no_judge():

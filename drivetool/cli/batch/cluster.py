@@ -106,9 +106,10 @@ def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
         raise DriveToolError(f"a Dask scheduler at {address}", f"no answer ({type(error).__name__})",
                              NONE_THERE) from None
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
         yield Cluster(client, limits)
-    except TimeoutError:
-        raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
     finally:
         client.close(timeout=PATIENCE)

@@ -20,7 +20,7 @@ COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", 
 # What a batch says itself, and pictures and pages, which it does not write.
 TAKEN = ("out", "json", "plot", "report", "quiet", "explain")
 # Not part of what a result depends on.
-NO_INPUT = ("logs", "params", "map", "debug", "holdout", *TAKEN)
+NO_INPUT = ("logs", "debug", *TAKEN)
 A_LOG = "recording"  # stands for the recordings where the words are checked
 
 
