@@ -169,6 +169,12 @@ WRONG = {
     "no such held out recording": ({"recipe": [
         {"command": "steady"}, {"command": "diagnose --holdout h.parquet", "params": ["steady"]}]},
                                    ["to read h.parquet at recipe[1]"]),
+    "a map that is none": ({"recordings": [{"files": "logs/*/*.parquet", "map": "site.yaml"}]},
+                           ["a known key in site.yaml"]),
+    "a map of a command that is none": ({"recipe": [{"command": "steady --map site.yaml"}]},
+                                        ["a known key in site.yaml"]),
+    "name of a step": ({"recipe": [{"command": "steady", "name": "a/b"}]},
+                       ["a word of letters, digits, dots, - and _ at recipe[0].name", "'a/b'"]),
     "no such map of a command": ({"recipe": [{"command": "steady --map m.yaml"}]}, ["to read m.yaml at recipe[0]"]),
     "an output": ({"recipe": [{"command": "steady --out x"}]}, ["no --out at recipe[0]"]),
     "a recording": ({"recipe": [{"command": "steady a.parquet"}]}, ["'a.parquet' in it"]),

@@ -12,6 +12,7 @@ from typing import Any
 
 from drivetool.cli.batch.recordings import digest
 from drivetool.errors import BadParameters, nearest
+from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.site.shapes import SiteFile, StepSection
 from drivetool.files.site.site_file import step_name
 
@@ -79,9 +80,11 @@ def _step(section: StepSection, folder: Path, where: str) -> Step:
     words_in = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
     files = [text for text in words_in if isinstance(text, str) and os.path.isfile(folder / text)]
     files += [*asked["params"], *(asked.get("holdout") or ()), *filter(None, [asked["map"]])]
+    read = {name: _digest(name, folder, where) for name in files if name != "-"}
+    if asked["map"]:
+        load_channel_map(folder / asked["map"])
     return Step(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
-                section.judge, options, {name: _digest(name, folder, where) for name in files if name != "-"},
-                asked["map"])
+                section.judge, options, read, asked["map"])
 
 
 def _digest(name: str, folder: Path, where: str) -> str:

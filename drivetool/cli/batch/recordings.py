@@ -15,6 +15,7 @@ from typing import Any
 
 from drivetool.cli.folders import SUFFIXES
 from drivetool.errors import BadParameters
+from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.site.manifest import HEAD, NAME
 from drivetool.files.site.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.site.site_file import PLACE
@@ -76,7 +77,7 @@ def find(site: SiteFile, folder: Path, out: Path) -> list[Recording]:
     """The recordings of the site in the order of their paths; their content is known, their machine not yet.
 
     folder  of the site file; out: of the results, where no recordings are looked for
-    raises  BadParameters: a pattern that matches nothing, a map that is not there
+    raises  BadParameters: a pattern that matches nothing, a map that is not there or wrong
     """
     found: dict[str, RecordingsSection] = {}
     for section in site.recordings:
@@ -140,11 +141,14 @@ def _is_passed_over(folder: Path) -> bool:
 
 
 def _map_digest(name: str, folder: Path) -> str:
+    """SHA-256 of a channel map that can be used."""
     try:
-        return digest(folder / name)
+        sha = digest(folder / name)
     except OSError as error:
         raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
                             "Correct the path at recordings of the site file.") from None
+    load_channel_map(folder / name)
+    return sha
 
 
 def _folders(paths: Sequence[str]) -> dict[str, str]:
