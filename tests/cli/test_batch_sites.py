@@ -95,6 +95,9 @@ def test_bars():
     assert "found 0.004 rad in the file of greybox" in missed["a", "shaft.half_gap at most 3 mrad"]
     assert text(figure="simulation_fit_percent", at_least=90.0) == {("a", "simulation_fit_percent at least 90"): ""}
     assert "found no value" in text(figure="motor.coulomb", at_most=1.0)["a", "motor.coulomb at most 1"]
+    alone = text(figure="shaft.half_gap", at_most=5.0)["a", "shaft.half_gap at most 5"]  # 5 mrad, meant one
+    assert alone == ("wanted a unit with shaft.half_gap at most 5, a figure in rad; found none. Write it as in "
+                     "'{value: 5, unit: rad}'.")
     nowhere = text(figure="shaft.gap", at_most=1.0)
     assert "available: motor.coulomb, shaft.half_gap" in nowhere["", "shaft.gap at most 1"]
     assert "A warning." in text(findings="no-warning")["a", "no findings of severity failure or warning"]
