@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections import Counter
 from pathlib import Path
@@ -54,17 +55,17 @@ def run(logs: list[str], out: str, quiet: bool) -> int:
 
 def _recordings(logs: list[str]) -> list[Path]:
     """The recordings, those of folders in all folders below."""
+    from drivetool.cli.batch.recordings import is_recording
     from drivetool.cli.folders import SUFFIXES
     from drivetool.logs.parquet import natural
 
     found: list[Path] = []
     for log in map(Path, logs):
-        below = [log] if not log.is_dir() else sorted(
-            (p for p in log.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file()), key=natural)
-        if not below or not all(each.exists() for each in below):
-            raise BadOption(f"recordings ({', '.join(SUFFIXES)})", f"none in {log}" if below == [] else f"no {log}",
-                            "Correct the path.")
-        found += below
+        below = [p for p in (log.rglob("*") if log.is_dir() else [log]) if is_recording(p, log)]
+        if not below:
+            raise BadOption(f"recordings ({', '.join(SUFFIXES)})",
+                            f"none in {log}" if log.exists() else f"no file or folder {log}", "Correct the path.")
+        found += sorted(below, key=natural)
     return list(dict.fromkeys(found))
 
 
@@ -73,15 +74,16 @@ def _seen(paths: list[Path], folder: Path) -> list[Seen]:
     from drivetool.files.site.first_site import kinds_of
 
     kinds = kinds_of([path.stem for path in paths])
-    groups: dict[tuple[str, str], list[Path]] = {}
+    groups: dict[tuple[str, str, str], list[Path]] = {}
     for path in paths:
-        groups.setdefault((kinds[path.stem], path.suffix), []).append(path)
+        groups.setdefault((*kinds[path.stem], path.suffix), []).append(path)
     root = os.path.relpath(os.path.commonpath([os.path.abspath(path.parent) for path in paths]), folder)
     ordered = sorted(groups, key=lambda group: (-len(group[0]), group))
-    return [_group(kind, suffix, groups[kind, suffix], root) for kind, suffix in ordered]
+    return [_group(kind, Path(glob.escape(root), "**", f"{words}{suffix}").as_posix(), groups[kind, words, suffix])
+            for kind, words, suffix in ordered]
 
 
-def _group(kind: str, suffix: str, paths: list[Path], root: str) -> Seen:
+def _group(kind: str, pattern: str, paths: list[Path]) -> Seen:
     """What is said of a group, its first recording standing for all."""
     from drivetool.files.site.first_site import Seen
     from drivetool.logs.inspect import inspect_log
@@ -94,8 +96,6 @@ def _group(kind: str, suffix: str, paths: list[Path], root: str) -> Seen:
         usable, steady = found.experiment is not None, _is_steady(found)
     except DriveToolError:  # the steps will say so; the file can be written all the same
         pass
-    words = "*".join(["", *kind.split("_"), ""]) if kind else "*"
-    pattern = Path(root, "**", f"{words}{suffix}").as_posix()
     folders = Counter(path.resolve().parent.name for path in paths)
     return Seen(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
                 max(folders.values()) > 1, sorted(look_at(example).metadata))

@@ -95,7 +95,7 @@ def put(text: str) -> None:
     if (buffer := getattr(sys.stdout, "buffer", None)) is None:  # a notebook's, or text kept in memory
         sys.stdout.write(text)
         return
-    buffer.write(text.encode("utf-8"))
+    buffer.write(text.encode("utf-8", "backslashreplace"))  # bytes of a file name that are no text
     buffer.flush()
 
 

@@ -110,6 +110,8 @@ def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "p
         least = _LEAST.search(text)
         if least:
             wanted, found = f"a number of at least {float(least['least']):g}", _found(value)
+        elif "matching regex" in text:
+            wanted, found = "a word of letters, digits, dots, - and _", _found(value)
         elif choices:
             wanted, found = f"one of {', '.join(choices)}", _found(value)
         elif kinds:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
 CYCLE = (BLUE, ORANGE, GREEN, RED, "#6b4c9a", GREY)
@@ -27,3 +30,18 @@ def drawing(style: Mapping[str, Any]) -> Iterator[None]:
     with rc_context(dict(style)), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
+
+
+def as_written(drawn: Figure) -> Figure:
+    """The picture with its texts as they are: a name with two dollar signs is no formula."""
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
+    for parent in (drawn, *drawn.axes):
+        for child in parent.get_children():
+            if isinstance(child, Axis):  # its numbers may have powers
+                child.label.set_parse_math(False)
+            elif child not in drawn.axes:
+                for text in child.findobj(Text):
+                    text.set_parse_math(False)
+    return drawn

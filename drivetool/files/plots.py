@@ -63,10 +63,10 @@ def png(exhibit: Exhibit) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from drivetool.files.figures import figure
-    from drivetool.files.look import STYLE, drawing
+    from drivetool.files.look import STYLE, as_written, drawing
 
     with drawing(STYLE):
-        drawn = figure(exhibit)
+        drawn = as_written(figure(exhibit))
         buffer = BytesIO()
         FigureCanvasAgg(drawn).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drivetool.files.look import drawing
+from drivetool.files.look import as_written, drawing
 from drivetool.files.plots import decimated
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def svg(exhibit: Exhibit) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     with drawing(STYLE):
-        drawn = _KINDS[exhibit.kind](exhibit)
+        drawn = as_written(_KINDS[exhibit.kind](exhibit))
         buffer = BytesIO()
         FigureCanvasSVG(drawn).print_svg(buffer, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue().decode("utf-8")

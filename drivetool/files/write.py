@@ -66,7 +66,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     raises   BadOption: see `check_target`; CannotWrite: the disk is full
     """
     path = check_target(path)
-    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
+    data = encoded(content)
     temporary, made = None, []
     try:
         if _takes_bytes(path):
@@ -94,6 +94,11 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             raise CannotWrite(f"to write {path}", error.strerror or str(error),
                               "Check the rights and the free space, or give another path.") from error
         raise
+
+
+def encoded(content: str | bytes) -> bytes:
+    """The bytes that `write_whole` writes."""
+    return content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
 
 
 def _takes_bytes(path: Path) -> bool:

@@ -10,7 +10,8 @@ CODES = {
         "Take the copies out of the site."),
     "few-recordings": Code(
         NOTE,
-        "A machine has too few recordings for a trend. Its means are stated; drifts and steps are not looked for.",
+        "A machine has too few recordings of one kind for a trend. Its means are stated; drifts and steps are not "
+        "looked for.",
         "Record it again on further days."),
     "outlying-recording": Code(
         WARNING,
@@ -37,6 +38,11 @@ CODES = {
         "Not all recordings of a machine say when they were made. They count in their order, and days are not told "
         "apart.",
         "Log absolute times, or name recordings by date."),
+    "units-changed": Code(
+        NOTE,
+        "Recordings of a machine state one parameter in several units. Each unit is a series of its own, and a "
+        "change from one to the other is not looked for.",
+        "Give the recordings of a machine one unit of torque, by a channel map or a torque constant."),
     "values-missing": Code(
         NOTE,
         "Some recordings have no fitted value of a parameter: it was held, not identifiable, or not finite. They "

@@ -128,7 +128,7 @@ def test_it_says_what_has_changed(here, call):
         "steady of logs/press1/02.parquet: its file is missing",
         "steady of logs/press2/01.parquet: its file was changed",
         "steady of logs/press2/03.parquet: it has not been run"]
-    assert "logs/press1/01.parquet: it has not been run" in told
+    assert "logs/press1/01.parquet: it has not been looked into" in told
     assert "3 of them run now" in err  # of equal content as before, the renamed one is not fitted again
     sites.write_site(here, recipe=[{"command": "steady --drive one-body --seed 2"}])
     _, explained, _ = call("batch", "site.yaml", "--explain")

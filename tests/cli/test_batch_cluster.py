@@ -37,6 +37,13 @@ def test_nobody_answers(here, call, monkeypatch):
     assert "wanted a Dask scheduler at tcp://127.0.0.1:9; found no answer" in err
 
 
+@pytest.mark.parametrize("address", ["head", "head:8786", "tcp://head", "tcp://", "other://head:8786"])
+def test_what_is_no_address(here, call, address):
+    sites.small(here, count=1)
+    code, out, err = call("batch", "site.yaml", "--scheduler", address)
+    assert (code, out) == (2, "") and f"tcp://HOST:PORT for --scheduler; found '{address}'" in err
+
+
 def test_it_is_not_installed(here, call, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     sites.small(here, count=1)

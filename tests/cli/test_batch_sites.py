@@ -60,20 +60,20 @@ def test_which_recording_judges_another():
 
 
 @pytest.mark.parametrize("command, words", [
-    ("validate", ["validate", "3.parquet", "--segment", "1", "--params", "out/1/steady.yaml"]),
-    ("diagnose", ["diagnose", "1.parquet", "--segment", "1", "--params", "out/1/steady.yaml",
-                  "--holdout", "3.parquet"])])
-def test_the_words_of_a_step_that_another_recording_judges(tmp_path, command, words):
+    ("validate", ["validate", "--segment", "1", "--params", "out/1/steady.yaml", "--", "3.parquet"]),
+    ("diagnose", ["diagnose", "--segment", "1", "--params", "out/1/steady.yaml", "--holdout", "3.parquet",
+                  "--", "1.parquet"])])
+def test_the_words_of_a_step_that_another_recording_judges(command, words):
     step = Step("judged", "a", command, ("--segment", "1"), ("steady",), False, "next", {})
     have = {("steady", "m", "1.parquet"): Output("file", "made of")}
-    maker = Maker(tmp_path, "out", {"steady": STEADY}, {}, have)
+    maker = Maker("out", {"steady": STEADY}, {}, have)
     press = replace(machine("a", "b", "a"), name="m")
     task = maker.tasks(step, press)[0]
     assert task.words == words and task.output == "1/judged.yaml"
     assert task.inputs["recordings"] == (["sha3"] if command == "validate" else ["sha1", "sha3"])
     assert (task.inputs["params"], task.origins) == ([["steady.yaml", "file"]], ["made of"])
     joint = maker.tasks(replace(step, joint=True, judge=None), press)
-    assert [t.words[:3] for t in joint] == [[command, "1.parquet", "3.parquet"]]
+    assert [t.words[-3:] for t in joint] == [["--", "1.parquet", "3.parquet"]]
 
 
 def test_bars():
@@ -95,10 +95,16 @@ def test_bars():
     assert "found 0.004 rad in the file of greybox" in missed["a", "shaft.half_gap at most 3 mrad"]
     assert text(figure="simulation_fit_percent", at_least=90.0) == {("a", "simulation_fit_percent at least 90"): ""}
     assert "found no value" in text(figure="motor.coulomb", at_most=1.0)["a", "motor.coulomb at most 1"]
+    alone = text(figure="shaft.half_gap", at_most=5.0)["a", "shaft.half_gap at most 5"]  # 5 mrad, meant one
+    assert alone == ("wanted a unit with shaft.half_gap at most 5, a figure in rad; found none. Write it as in "
+                     "'{value: 5, unit: rad}'.")
     nowhere = text(figure="shaft.gap", at_most=1.0)
     assert "available: motor.coulomb, shaft.half_gap" in nowhere["", "shaft.gap at most 1"]
     assert "A warning." in text(findings="no-warning")["a", "no findings of severity failure or warning"]
     assert text(findings="no-failure") == {("a", "no findings of severity failure"): ""}
+    none = judge([entries[1]], [BarSection(findings="no-failure")])[-1]
+    assert none.text == ("wanted no findings of severity failure; found no file of any step. See the problems in "
+                         "the summary.")
     ran = {c.recording: (c.passed, c.text, c.warnings) for c in judge(entries, []) if c.name == "greybox runs"}
     assert ran == {"a": (True, "", ("w: A warning.",)), "b": (False, "no", ())}
 
@@ -161,6 +167,20 @@ WRONG = {
     "a step that a batch does not do": ({"recipe": [{"command": "tune"}]}, ["a step that a batch can do"]),
     "unknown option": ({"recipe": [{"command": "steady --sead 2"}]}, ["--sead", "drivetool steady --help"]),
     "value of an option": ({"recipe": [{"command": "steady --seed x"}]}, ["'steady --seed x'"]),
+    "help": ({"recipe": [{"command": "steady --help"}]}, ["'steady --help'", "drivetool steady --help."]),
+    "no such parameter file": ({"recipe": [{"command": "steady --params p.yaml"}]},
+                               ["to read p.yaml at recipe[0] of site.yaml", "from the folder of the site file"]),
+    "a folder of parameters": ({"recipe": [{"command": "steady --params logs"}]}, ["Is a directory"]),
+    "no such held out recording": ({"recipe": [
+        {"command": "steady"}, {"command": "diagnose --holdout h.parquet", "params": ["steady"]}]},
+                                   ["to read h.parquet at recipe[1]"]),
+    "a map that is none": ({"recordings": [{"files": "logs/*/*.parquet", "map": "site.yaml"}]},
+                           ["a known key in site.yaml"]),
+    "a map of a command that is none": ({"recipe": [{"command": "steady --map site.yaml"}]},
+                                        ["a known key in site.yaml"]),
+    "name of a step": ({"recipe": [{"command": "steady", "name": "a/b"}]},
+                       ["a word of letters, digits, dots, - and _ at recipe[0].name", "'a/b'"]),
+    "no such map of a command": ({"recipe": [{"command": "steady --map m.yaml"}]}, ["to read m.yaml at recipe[0]"]),
     "an output": ({"recipe": [{"command": "steady --out x"}]}, ["no --out at recipe[0]"]),
     "a recording": ({"recipe": [{"command": "steady a.parquet"}]}, ["'a.parquet' in it"]),
     "open quotation": ({"recipe": [{"command": "steady --set 'x"}]}, ["Close the quotation mark"]),
@@ -175,6 +195,8 @@ WRONG = {
         {"command": "steady"}, {"command": "validate", "params": ["steady"], "judge": "nex"}]},
                       ["Did you mean 'next'?"]),
     "bar without limit": ({"bars": [{"figure": "x"}]}, ["one of at_most and at_least at bars[0]"]),
+    "bar without a name": ({"bars": [{"figure": "", "at_most": 1}]}, ["either figure or findings"]),
+    "bar that is no number": ({"bars": [{"figure": "x", "at_most": float("nan")}]}, ["a finite number of at_most"]),
     "bar on two things": ({"bars": [{"figure": "x", "at_most": 1, "findings": "no-failure"}]},
                           ["either figure or findings"]),
     "unit of a bar": ({"bars": [{"figure": "x", "at_most": {"value": 1, "unit": "mrd"}}]}, ["'mrd'"]),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from drivetool.cli.batch.recordings import find
 from drivetool.files.site.site_file import load_site
 from tests import sites
 from tests.places import RIG
@@ -55,4 +56,19 @@ def test_channels_without_roles_ask_for_a_map(here, call):
     _, out, _ = call("init", "logs/m", "-o", "-")
     assert yaml.safe_load(out)["recordings"][0]["map"] == "map.yaml" and "i act [?]" in out
     code, _, err = call("init", "nowhere")
-    assert code == 2 and "no nowhere" in err
+    assert code == 2 and "no file or folder nowhere" in err
+
+
+def test_names_with_signs_capitals_and_words_in_another_order(here, call):
+    """Every pattern matches the recordings that it was made of; results of a batch are no recordings."""
+    for name in "Steady_1", "steady_2", "holdout_gap", "gap":
+        sites.write(f"logs [1]/press/{name}.parquet", 1, metadata={"two\nlines": "x"})
+    sites.write("done/summary.parquet", 1)
+    Path("done/manifest.jsonl").write_text('{"schema":"drivetool/manifest/1"}\n')
+    assert call("init", ".")[0] == 0
+    site = load_site("site.yaml")
+    assert [(r.kind, r.path.rpartition("/")[2]) for r in find(site, here, here / "out")] == [
+        ("steady", "Steady_1.parquet"), ("gap", "gap.parquet"), ("gap_holdout", "holdout_gap.parquet"),
+        ("steady", "steady_2.parquet")]
+    code, _, err = call("init", "site.yaml", "--out", "other.yaml")
+    assert code == 2 and "none in site.yaml" in err

@@ -160,6 +160,23 @@ def test_kinds_of_recordings_are_series_of_their_own_and_a_joint_fit_is_none(cal
         "Motor Coulomb friction of press 1, by greybox of steps,"]
 
 
+def test_a_name_with_dollar_signs_is_no_formula(call, summary):
+    write_summary(summary, [replace(r, machine="A$B^{$") for r in site(4, machines=1)])
+    assert call("trend", summary, "--plot", "p", "--out", "t.yaml")[0] == 0
+
+
+def test_too_few_of_one_kind_of_one_unit_or_with_a_value_are_said(call, summary):
+    rows = site(4, machines=3, n=10)
+    rows = [replace(r, kind="a" if r.order % 2 else "b") if r.machine == "press 1" else
+            replace(r, unit=r.unit + " old", value=2 * r.value) if r.machine == "press 2" and r.order < 3 else
+            replace(r, value=None) if r.machine == "press 3" else r for r in rows]
+    rows.append(replace(rows[0], machine="", recording="lost", parameter=None, value=None, std=None))
+    codes, file = codes_of(call, summary, rows)
+    assert codes == ["few-recordings", "units-changed"]
+    assert "tell no trend: press 1 has 5, press 3 has 0." in file["findings"][0]["text"]
+    assert "of press 2 in rad old and rad" in file["findings"][1]["text"]
+
+
 def test_what_is_no_summary_is_one_sentence(call, summary, tmp_path):
     (tmp_path / "no.parquet").write_text("no")
     for words in (["no.parquet"], ["missing.parquet"], ["."]):

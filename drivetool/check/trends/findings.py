@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from drivetool.check.trends.change_points import FEWEST
 from drivetool.check.trends.outliers import Outlier
 from drivetool.check.trends.sentences import drift_text, lowered, outlier_text, step_text, subject
-from drivetool.check.trends.series import recordings_per_machine, series_of, without_copies
+from drivetool.check.trends.series import Series, series_of, without_copies
 from drivetool.check.trends.trend import ALARM, Change, Drift, Trend, trends
 from drivetool.errors import Finding
 from drivetool.logs.summary import Row
@@ -106,13 +106,18 @@ def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Tre
             f"{_listed([f'{copy} repeats {first}' for copy, first in copies.items()])}: all values and standard "
             "deviations are equal. The copies are left out.", {"copies": len(copies)},
             "Take the copies out of the site."))
-    counts = recordings_per_machine(rows)
-    few = {machine: count for machine, count in counts.items() if count < FEWEST}
+    longest = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
+    for trend in found:
+        machine = trend.series.machine
+        longest[machine] = max(longest[machine], len(trend.series.values))
+    few = {machine: count for machine, count in longest.items() if count < FEWEST}
     if few:
         remarks.append(Finding(
             "note", "few-recordings",
-            f"Fewer than {FEWEST} recordings tell no trend: {_listed([f'{m} has {n}' for m, n in few.items()])}. "
-            "Such a machine has means only.", dict(few), "Record it again on further days."))
+            f"Fewer than {FEWEST} recordings of one kind with a value tell no trend: "
+            f"{_listed([f'{m} has {n}' for m, n in few.items()])}. Such a machine has means at most.", dict(few),
+            "Record it again on further days."))
+    remarks += _units(found)
     dateless = list(dict.fromkeys(t.series.machine for t in found if t.series.starts is None))
     if dateless:
         remarks.append(Finding(
@@ -127,6 +132,22 @@ def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Tre
             f"{_listed([f'{n} of {what}' for what, n in missing.items()])}.", {"series": len(missing)},
             "See in the files of these recordings why they have none."))
     return [*remarks, *_correlated(found)]
+
+
+def _units(found: Sequence[Trend]) -> list[Finding]:
+    """Series that would be one, were it not for their units."""
+    units: dict[tuple[str, str, str, str], list[Series]] = {}
+    for series in (trend.series for trend in found):
+        units.setdefault((series.machine, series.parameter, series.step, series.kind), []).append(series)
+    several = [f"{subject(each[0])} in {' and '.join(s.unit or 'none' for s in each)}"
+               for each in units.values() if len(each) > 1]
+    if not several:
+        return []
+    return [Finding(
+        "note", "units-changed",
+        f"Recordings state one parameter in several units: {_listed(several)}. Each unit is a series of its own, "
+        "and a change from one to the other is not looked for.", {"parameters": len(several)},
+        "Give the recordings of a machine one unit of torque, by a channel map or a torque constant.")]
 
 
 def _correlated(found: Sequence[Trend]) -> list[Finding]:

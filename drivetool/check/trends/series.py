@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,9 +121,3 @@ def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:
                 copies[machine, recording] = first
     left = [row for row in rows if (row.machine, row.recording) not in copies]
     return left, {recording: first for (_, recording), first in copies.items()}
-
-
-def recordings_per_machine(rows: Iterable[Row]) -> Mapping[str, int]:
-    """Machine -> number of its recordings."""
-    return Counter(machine for machine, _ in dict.fromkeys(
-        (row.machine, row.recording) for row in rows if row.recording))

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from drivetool.cli.batch.kept import keep, take_over
 from drivetool.cli.batch.recipe import Step
-from drivetool.cli.batch.recordings import Machine
+from drivetool.cli.batch.recordings import Machine, content_of
 from drivetool.cli.batch.setting import Numbered, Setting
-from drivetool.cli.batch.tasks import Line, Maker, Output, Task, reasons
+from drivetool.cli.batch.tasks import CHANGED, Line, Maker, Output, Task, reasons
 from drivetool.files.site.manifest import Manifest
 from drivetool.progress import tell
 
 
-@dataclass
+@dataclass(eq=False)
 class Stage:
     """A step of a machine; left: how many of its tasks are still to end."""
 
@@ -41,23 +42,27 @@ class Agenda:
         self._total = sum(1 if s.step.joint else sum(r.kind == s.step.kind for r in s.machine.recordings)
                           for s in self.stages)
         self._ended = 0
-        self._waiting = list(self.stages)
+        self._waiting: dict[str, list[Stage]] = {}
+        for stage in self.stages:
+            self._waiting.setdefault(stage.machine.name, []).append(stage)
+        self._ready = deque(self._waiting)  # machines that may have stages to begin
         self._outputs: dict[tuple[str, str, str], Output] = {}
         self._closed: set[tuple[str, str]] = set()
         self._given: list[tuple[Task, Stage]] = []  # by number
         self._running: dict[str, list[tuple[Task, Stage]]] = {}  # content -> further tasks that wait for one of it
         self._again: list[tuple[Task, Stage]] = []
         self._done = {line["content"]: line for line in manifest.steps.values() if line["sha256"] is not None}
-        self._maker = Maker(setting.folder, os.path.relpath(setting.out, setting.folder).replace(os.sep, "/"),
+        self._maker = Maker(os.path.relpath(setting.out, setting.folder).replace(os.sep, "/"),
                             {step.name: step for step in setting.steps}, setting.numerics, self._outputs)
 
     def more(self) -> Numbered:
         """The tasks that can be done by now and were not given yet, with numbers for `take`."""
         given = [self._give(task, stage) for task, stage in self._again]
         self._again.clear()
-        while ready := [stage for stage in self._waiting if self._can_begin(stage)]:
-            for stage in ready:
-                self._waiting.remove(stage)
+        while self._ready:
+            waiting = self._waiting[self._ready.popleft()]
+            for stage in [stage for stage in waiting if self._can_begin(stage)]:
+                waiting.remove(stage)
                 given += self._begun(stage)
         return given
 
@@ -76,7 +81,8 @@ class Agenda:
     def take(self, number: int, answer: Mapping[str, Any]) -> None:
         """Keep what came of a task, also for those of equal content."""
         task, stage = self._given[number]
-        text, ended = answer.get("text"), answer.get("ended")
+        text = answer.get("text")
+        ended = answer.get("ended") or (None if text is not None or self._is_as_found(task) else CHANGED)
         keep(task, {
             "code": answer.get("code"), "problem": None if text is not None else answer["said"], "ended": ended,
             "limit": self.setting.limits.get(ended or "", 0.0), "told": answer.get("told"),
@@ -89,11 +95,15 @@ class Agenda:
         if text is None or not sys.stderr.isatty():  # a person at a terminal has the bar
             self.setting.say(f"{self._ended} of {self._total}: {task.label}"
                              + (f": {answer['said']}" if text is None else ""))
-        for other, its_stage in self._running.pop(task.content):
+        for other, its_stage in self._running.pop(task.content, ()):
             if take_over(other, line, self.setting.out, self.manifest):
                 self._end(its_stage)
             else:
                 self._again.append((other, its_stage))
+
+    def _is_as_found(self, task: Task) -> bool:
+        """Whether its recordings still have the content that they were found with."""
+        return task.inputs["recordings"] == [content_of(name, self.setting.folder) for name in task.inputs["names"]]
 
     def _begun(self, stage: Stage) -> list[tuple[int, dict[str, Any]]]:
         """Make the tasks of a stage; those to be run."""
@@ -129,7 +139,7 @@ class Agenda:
         self._running.setdefault(task.content, [])
         self._given.append((task, stage))
         return len(self._given) - 1, {"folder": str(self.setting.folder),
-                                      "words": [*task.words, "--quiet", "--out", "-"]}
+                                      "words": [task.words[0], "--quiet", "--out", "-", *task.words[1:]]}
 
     def _end(self, stage: Stage) -> None:
         self._ended += 1
@@ -148,3 +158,4 @@ class Agenda:
                 key = stage.step.name, stage.machine.name, task.path
                 self._outputs[key] = Output(line["sha256"], line["content"])
         self._closed.add((stage.step.name, stage.machine.name))
+        self._ready.append(stage.machine.name)

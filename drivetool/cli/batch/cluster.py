@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -86,8 +87,12 @@ def remote(task: dict[str, Any], limits: Limits, expected: dict[str, str]) -> An
 def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
     """The cluster behind a scheduler.
 
-    raises  BadOption: dask.distributed is not installed; DriveToolError: nobody answers, or nobody works
+    raises  BadOption: no address, or dask.distributed is not installed
+            DriveToolError: nobody answers, or nobody works
     """
+    if not re.fullmatch(r"(tcp|tls|ucx|wss?)://[^\s/]+:\d{1,5}", address):  # the client would hang in its end
+        raise BadOption("an address as in tcp://HOST:PORT for --scheduler", f"'{address}'",
+                        "Take the one that `dask scheduler` prints.")
     try:
         from dask.distributed import Client
     except ImportError:
@@ -101,9 +106,10 @@ def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
         raise DriveToolError(f"a Dask scheduler at {address}", f"no answer ({type(error).__name__})",
                              NONE_THERE) from None
     try:
-        client.wait_for_workers(1, timeout=PATIENCE)
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
         yield Cluster(client, limits)
-    except TimeoutError:
-        raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
     finally:
         client.close(timeout=PATIENCE)

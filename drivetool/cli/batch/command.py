@@ -47,9 +47,11 @@ Explain = Annotated[bool, typer.Option("--explain", help="Say for everything tha
 Verify = Annotated[bool, typer.Option(
     "--verify", help="Run nothing; exit code 3 unless the results are those of the recordings as they are.")]
 Retry = Annotated[bool, typer.Option(
-    "--retry", help="Run again what a limit or the death of a worker ended.")]
-Junit = Annotated[str | None, typer.Option("--junit", metavar="FILE", help="Verdicts as JUnit XML.")]
-Markdown = Annotated[str | None, typer.Option("--markdown", metavar="FILE", help="Verdicts as Markdown.")]
+    "--retry", help="Run again what gave no result.")]
+Junit = Annotated[str | None, typer.Option(
+    "--junit", metavar="FILE", help="Verdicts as JUnit XML; - is standard output.")]
+Markdown = Annotated[str | None, typer.Option(
+    "--markdown", metavar="FILE", help="Verdicts as Markdown; - is standard output.")]
 
 
 @dataclass(frozen=True)
@@ -115,20 +117,22 @@ def site_of(asked: Asked) -> tuple[SiteFile, Path, str]:
         found = "recordings in it" if site.recordings else f"the kinds {', '.join(kinds)}"
         raise BadOption(f"a recipe of one kind and without recordings in {asked.recipe}", found,
                         "Give the site file alone, which says the kind of each recording.")
-    patterns = [_from(each) for each in asked.given]
-    return with_recordings(site, patterns, kinds[0], asked.map), Path.cwd(), asked.recipe
-
-
-def _from(given: str) -> str:
-    """A pattern; the name of a file that is there stands for itself, whatever signs are in it."""
-    import glob
-
-    return glob.escape(given) if os.path.isfile(given) else given
+    return with_recordings(site, asked.given, kinds[0], asked.map), Path.cwd(), asked.recipe
 
 
 def out_of(asked: Asked, folder: Path, name: str) -> Path:
     """The folder of the results."""
     return Path(os.path.abspath(asked.out)) if asked.out else folder / f"{Path(name).stem}-results"
+
+
+def check_verdicts(asked: Asked) -> None:
+    """Raise BadOption where a file of verdicts could not be written, or both would go to one place."""
+    from drivetool.files.write import check_target
+
+    if asked.junit and asked.junit == asked.markdown:
+        raise BadOption("different files for --junit and --markdown", f"{asked.junit} for both", "Rename one.")
+    for path in filter(None, (asked.junit, asked.markdown)):
+        check_target(path)
 
 
 def speaker(asked: Asked):

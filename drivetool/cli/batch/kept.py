@@ -11,11 +11,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drivetool.cli.batch.tasks import Line, Task
+from drivetool.cli.batch.tasks import CHANGED, Line, Task
 from drivetool.files.site.manifest import Manifest
 from drivetool.files.site.told import told
 from drivetool.files.text import from_yaml, to_yaml
-from drivetool.files.write import write_whole
+from drivetool.files.write import encoded, write_whole
 
 
 def keep(task: Task, line: Line, text: str | None, out: Path, manifest: Manifest) -> None:
@@ -30,7 +30,7 @@ def keep(task: Task, line: Line, text: str | None, out: Path, manifest: Manifest
         with suppress(FileNotFoundError):  # of other inputs
             os.unlink(out / task.output)
     else:
-        data = text.encode("utf-8", "backslashreplace")
+        data = encoded(text)
         sha = hashlib.sha256(data).hexdigest()
         write_whole(out / task.output, data)
     manifest.append({"output": task.output, "key": task.key, "content": task.content, "inputs": task.inputs,
@@ -41,14 +41,14 @@ def take_over(task: Task, line: Line | None, out: Path, manifest: Manifest) -> b
     """Keep for a task what came of one with the same content, under the names of its own files.
 
     line     of the other one; None: there is none
-    returns  whether that is possible: the file of the other one is there and unchanged
+    returns  whether that is possible: the file of the other one is there and unchanged, or a limit ended it;
+             another problem may come of its name or place
     """
-    if line is None:
+    if line is None or (line["sha256"] is None and line["ended"] in (None, CHANGED)):
         return False
-    names = _names(line["inputs"], task.inputs)
     same = {name: line[name] for name in ("code", "ended", "limit", "peak_memory_mb")} | {"seconds": 0.0}
     if line["sha256"] is None:
-        keep(task, {**same, "problem": renamed(line["problem"], names), "told": None}, None, out, manifest)
+        keep(task, {**same, "problem": line["problem"], "told": None}, None, out, manifest)
         return True
     try:
         data = (out / line["output"]).read_bytes()
@@ -60,7 +60,7 @@ def take_over(task: Task, line: Line | None, out: Path, manifest: Manifest) -> b
     content = from_yaml(text, task.output)
     if to_yaml(content) != text:  # it could not be written as the step would
         return False
-    text = to_yaml(renamed(content, names))
+    text = to_yaml(renamed(content, _names(line["inputs"], task.inputs)))
     keep(task, {**same, "problem": None, "told": asdict(told(text))}, text, out, manifest)
     return True
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from drivetool.cli.batch.recordings import digest
 from drivetool.errors import BadParameters, nearest
+from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.site.shapes import SiteFile, StepSection
 from drivetool.files.site.site_file import step_name
 
@@ -19,7 +21,7 @@ COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", 
 # What a batch says itself, and pictures and pages, which it does not write.
 TAKEN = ("out", "json", "plot", "report", "quiet", "explain")
 # Not part of what a result depends on.
-NO_INPUT = ("logs", "params", "map", "debug", "holdout", *TAKEN)
+NO_INPUT = ("logs", "debug", *TAKEN)
 A_LOG = "recording"  # stands for the recordings where the words are checked
 
 
@@ -30,9 +32,8 @@ class Step:
     name     what its files are called
     command  first word; words: the others as typed
     params   names of the earlier steps whose files go in
-    by_hand  parameter files that the words name; map: the channel map, if they name one
     options  every option with its value, given or not
-    files    files that options name, from the folder of the site file
+    files    files that the words name, from the folder of the site file -> sha256; map: the channel map of these
     judge    next, previous, a kind, or None
     """
 
@@ -44,16 +45,15 @@ class Step:
     joint: bool
     judge: str | None
     options: Mapping[str, Any]
-    by_hand: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
     map: str | None = None
-    files: tuple[str, ...] = ()
 
 
 def steps_of(site: SiteFile, folder: Path, name: str) -> tuple[Step, ...]:
     """The steps of a recipe.
 
     folder  of the site file; name: of the file, for messages
-    raises  BadParameters: an unknown command or option, or one that a batch sets itself
+    raises  BadParameters: an unknown command or option, one that a batch sets itself, a file that cannot be read
     """
     return tuple(_step(section, folder, f"recipe[{i}] of {name}") for i, section in enumerate(site.recipe))
 
@@ -78,12 +78,21 @@ def _step(section: StepSection, folder: Path, where: str) -> Step:
                                 "Leave it out: a batch names the files itself, and draws no pictures.")
     options = {key: _plain(value) for key, value in asked.items() if key not in NO_INPUT}
     words_in = [text for value in options.values() for text in (value if isinstance(value, list) else [value])]
-    files = tuple(text for text in dict.fromkeys(words_in)
-                  if isinstance(text, str) and os.path.isfile(folder / text))
-    by_hand = tuple(each for each in asked["params"] if each != "-")
-    held_out = tuple(asked.get("holdout") or ())
+    files = [text for text in words_in if isinstance(text, str) and os.path.isfile(folder / text)]
+    files += [*asked["params"], *(asked.get("holdout") or ()), *filter(None, [asked["map"]])]
+    read = {name: _digest(name, folder, where) for name in files if name != "-"}
+    if asked["map"]:
+        load_channel_map(folder / asked["map"])
     return Step(step_name(section), section.kind, command, tuple(words), tuple(section.params), section.joint,
-                section.judge, options, by_hand, asked["map"], (*files, *held_out))
+                section.judge, options, read, asked["map"])
+
+
+def _digest(name: str, folder: Path, where: str) -> str:
+    try:
+        return digest(folder / name)
+    except OSError as error:
+        raise BadParameters(f"to read {name} at {where}", error.strerror or str(error),
+                            "Correct the command; its paths count from the folder of the site file.") from None
 
 
 def _parsed(command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
@@ -94,7 +103,7 @@ def _parsed(command: str, words: Sequence[str], typed: str, where: str) -> dict[
 
     parser: Any = typer.main.get_command(app)
     try:
-        return dict(parser.commands[command].make_context(command, list(words)).params)
+        return dict(parser.commands[command].make_context(command, list(words), help_option_names=[]).params)
     except Exception as error:  # of click, or of the click inside newer versions of typer
         if not hasattr(error, "format_message"):
             raise

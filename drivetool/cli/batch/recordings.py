@@ -15,10 +15,12 @@ from typing import Any
 
 from drivetool.cli.folders import SUFFIXES
 from drivetool.errors import BadParameters
-from drivetool.files.site.manifest import MARK, NAME
+from drivetool.files.channel_map_file import load_channel_map
+from drivetool.files.site.manifest import HEAD, NAME
 from drivetool.files.site.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.site.site_file import PLACE
 from drivetool.logs.parquet import natural
+from drivetool.progress import counted
 
 ONE_MACHINE = "machine"  # of recordings beside the site file, where nothing says to which machine they belong
 
@@ -53,7 +55,7 @@ class Recording:
     @property
     def look(self) -> tuple[str, str]:
         """What the look into it is known by."""
-        return self.sha256, self.map_sha256 or ""
+        return self.sha256 + PurePosixPath(self.path).suffix.lower(), self.map_sha256 or ""
 
 
 @dataclass(frozen=True)
@@ -75,53 +77,78 @@ def find(site: SiteFile, folder: Path, out: Path) -> list[Recording]:
     """The recordings of the site in the order of their paths; their content is known, their machine not yet.
 
     folder  of the site file; out: of the results, where no recordings are looked for
-    raises  BadParameters: a pattern that matches nothing, a map that is not there
+    raises  BadParameters: a pattern that matches nothing, a map that is not there or wrong
     """
     found: dict[str, RecordingsSection] = {}
     for section in site.recordings:
         paths = _matching(section.files, folder, out)
         if not paths:
+            beside = f" but in that of the results, {out}" if folder.is_relative_to(out) else ""
             raise BadParameters(
                 f"recordings ({', '.join(SUFFIXES)}) that match '{section.files}'",
-                f"none from the folder {folder}",
+                f"none from the folder {folder}{beside}",
                 "Correct the pattern; it counts from the folder of the site file, and ** stands for any folders.")
         for path in paths:
             found.setdefault(path, section)
     maps = {section.map: _map_digest(section.map, folder) for section in site.recordings if section.map}
     paths = sorted(found, key=lambda path: natural(Path(path)))
     folders = _folders(paths)
-    return [Recording(path, found[path], digest(folder / path), maps.get(found[path].map or ""), folders[path])
-            for path in paths]
+    return [Recording(path, found[path], content_of(path, folder), maps.get(found[path].map or ""), folders[path])
+            for path in counted("compare the recordings with the last run", paths, len(paths))]
+
+
+def content_of(path: str, folder: Path) -> str:
+    """SHA-256 of a recording; a word of its own for one that cannot be read, or whose name is no text."""
+    try:
+        path.encode()
+        return digest(folder / path)
+    except (OSError, UnicodeEncodeError):
+        return f"unread {path}"
 
 
 def _matching(pattern: str, folder: Path, out: Path) -> list[str]:
-    """Recordings of a pattern, without those that are results of a batch."""
+    """Recordings of a pattern, without those that are results of a batch.
+
+    The name of a file that is there stands for itself, whatever signs are in it.
+    """
     paths = []
-    for each in glob.glob(os.path.expanduser(pattern), root_dir=folder, recursive=True):
+    pattern = os.path.expanduser(pattern)
+    one = os.path.isfile(folder / pattern)
+    for each in [pattern] if one else glob.glob(pattern, root_dir=folder, recursive=True):
         full = Path(os.path.normpath(folder / each))
-        above = [parent for parent in full.parents if parent != folder and not folder.is_relative_to(parent)]
-        if (full.suffix.lower() in SUFFIXES and full.is_file() and not full.name.startswith(".")
-                and not full.is_relative_to(out) and not any(map(_is_of_results, above))):
+        if is_recording(full, folder) and not full.is_relative_to(out):
             paths.append(PurePosixPath(os.path.relpath(full, folder).replace(os.sep, "/")).as_posix())
     return paths
 
 
+def is_recording(path: Path, folder: Path) -> bool:
+    """Whether a path is that of a recording, by its name and what the folders up to the given one are."""
+    above = [parent for parent in path.parents if parent != folder and not folder.is_relative_to(parent)]
+    return (path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
+            and not any(map(_is_passed_over, above)))
+
+
 @cache
-def _is_of_results(folder: Path) -> bool:
-    """Whether a folder is what a batch has written."""
+def _is_passed_over(folder: Path) -> bool:
+    """Whether a folder is what a batch has written, or a link back to a folder that it lies in."""
+    if folder.is_symlink() and os.path.realpath(folder.parent).startswith(os.path.realpath(folder)):
+        return True
     try:
         with open(folder / NAME, "rb") as stream:
-            return stream.readline().startswith(MARK.encode(), len('{"schema":"'))
+            return stream.read(len(HEAD)) == HEAD
     except OSError:
         return False
 
 
 def _map_digest(name: str, folder: Path) -> str:
+    """SHA-256 of a channel map that can be used."""
     try:
-        return digest(folder / name)
+        sha = digest(folder / name)
     except OSError as error:
         raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
                             "Correct the path at recordings of the site file.") from None
+    load_channel_map(folder / name)
+    return sha
 
 
 def _folders(paths: Sequence[str]) -> dict[str, str]:
@@ -139,10 +166,12 @@ def _folders(paths: Sequence[str]) -> dict[str, str]:
 
 
 def machines_of(found: Iterable[Recording], looks: Mapping[tuple[str, str], Mapping[str, Any]],
-                ) -> tuple[list[Machine], list[Recording]]:
+                folders: bool) -> tuple[list[Machine], list[Recording]]:
     """(machines by name, each with its recordings in order; recordings whose machine cannot be told).
 
-    looks  what was seen in each, by Recording.look
+    looks    what was seen in each, by Recording.look
+    folders  whether each machine has a folder of its own, named after it
+    raises   BadParameters: two machines whose folders would be one
     """
     groups: dict[str, list[Recording]] = {}
     lost = []
@@ -154,7 +183,7 @@ def machines_of(found: Iterable[Recording], looks: Mapping[tuple[str, str], Mapp
             lost.append(known)
         else:
             groups.setdefault(name, []).append(known)
-    for name, count in Counter(map(safe, groups)).items():
+    for name, count in Counter(map(safe, groups)).items() if folders else ():
         if count > 1:
             raise BadParameters("machines whose names differ in letters or digits",
                                 " and ".join(sorted(n for n in groups if safe(n) == name)),
@@ -197,6 +226,7 @@ def _machine(recording: Recording, metadata: Mapping[str, str]) -> tuple[str, st
     if name and name != "..":
         return name, ""
     there = f"only {', '.join(sorted(metadata)) or 'nothing'} there" if given.metadata else "none"
+    there = f"'{name}'" if name else there
     return "", (f"wanted {tell[0]} to tell the machine of {recording.path}; found {there}. Correct machine at "
                 "recordings of the site file, or name the machine there.")
 

@@ -9,7 +9,7 @@ from typing import Any
 from drivetool.cli.batch.agenda import Agenda
 from drivetool.cli.batch.recordings import Machine, Recording, machines_of
 from drivetool.cli.batch.setting import Setting, once
-from drivetool.cli.batch.tasks import Task, shared
+from drivetool.cli.batch.tasks import Task, again, shared
 from drivetool.errors import DriveToolError
 from drivetool.files.site.manifest import Manifest
 from drivetool.files.site.summary import Entry
@@ -41,7 +41,7 @@ def run_site(setting: Setting, found: Sequence[Recording], manifest: Manifest) -
     """
     outcome = Outcome()
     _look(setting, found, manifest, outcome)
-    machines, lost = machines_of(found, manifest.looks)
+    machines, lost = machines_of(found, manifest.looks, any(step.joint for step in setting.steps))
     _say_order(setting, machines)
     agenda = Agenda(setting, machines, manifest)
     for number, answer in setting.executor.serve(agenda.more) if setting.executor else agenda.checked():
@@ -63,17 +63,26 @@ def run_site(setting: Setting, found: Sequence[Recording], manifest: Manifest) -
 
 def _look(setting: Setting, found: Sequence[Recording], manifest: Manifest, outcome: Outcome) -> None:
     """When each recording began, and what is noted in it; each content once."""
-    new = {r.look: r for r in found if r.look not in manifest.looks}
+    new = {r.look: r for r in found if not _is_seen(manifest.looks.get(r.look), setting)}
     if setting.executor is None:
-        outcome.undone += [f"{r.path}: it has not been run" for r in found if r.look in new]
+        outcome.undone += [f"{r.path}: it has not been looked into" for r in found if r.look in new]
         return
     asked = list(new.values())
     tasks = [{"folder": str(setting.folder), "look": r.path, "map": r.section.map} for r in asked]
     for count, (index, answer) in enumerate(setting.executor.serve(once(tasks)), 1):
         sha, map_sha = asked[index].look
-        manifest.append({"look": sha, "map": map_sha, "start": answer.get("start"),
-                         "metadata": answer.get("metadata", {})})
+        ended = answer.get("ended")
+        if ended or "start" in answer:  # else it could not be opened, which may pass
+            manifest.append({"look": sha, "map": map_sha, "drivetool": setting.numerics["drivetool"],
+                             "start": answer.get("start"), "metadata": answer.get("metadata", {}),
+                             "ended": ended, "limit": setting.limits.get(ended or "", 0.0)})
         tell("look into the recordings", count, len(asked))
+
+
+def _is_seen(line: Mapping[str, Any] | None, setting: Setting) -> bool:
+    """Whether a look holds: by this version, and not ended by a limit that is higher now."""
+    return (line is not None and line["drivetool"] == setting.numerics["drivetool"]
+            and not (line["ended"] and again(line, setting.limits, setting.retry)))
 
 
 def _say_order(setting: Setting, machines: Sequence[Machine]) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivetool.cli.batch.command import MEMORY_MB, Asked, out_of, site_of, speaker
+from drivetool.cli.batch.command import MEMORY_MB, Asked, check_verdicts, out_of, site_of, speaker
 from drivetool.cli.batch.pool import Limits, Pool, check_memory_limit
 from drivetool.cli.batch.recipe import steps_of
 from drivetool.cli.batch.recordings import find
@@ -21,7 +21,7 @@ from drivetool.files.site.cases import Case, junit, markdown
 from drivetool.files.site.index_page import index_page
 from drivetool.files.site.manifest import open_manifest, read_manifest
 from drivetool.files.site.summary import rows, summary_csv, summary_parquet
-from drivetool.files.write import check_folder, check_target, write_whole
+from drivetool.files.write import check_folder, encoded, write_whole
 
 if TYPE_CHECKING:
     from drivetool.files.site.shapes import SiteFile
@@ -34,9 +34,9 @@ def run(asked: Asked) -> int:
     """Do a site, or check it; the exit code."""
     site, folder, name = site_of(asked)
     out = out_of(asked, folder, name)
-    check_folder(out)
-    for path in filter(None, (asked.junit, asked.markdown)):
-        check_target(path)
+    if not asked.verify:
+        check_folder(out)
+    check_verdicts(asked)
     check_memory_limit(asked.memory_limit is not None)
     steps = steps_of(site, folder, Path(name).name)
     limits = Limits(asked.time_limit, asked.memory_limit or MEMORY_MB)
@@ -50,17 +50,14 @@ def run(asked: Asked) -> int:
 
     if asked.verify:
         return _verified(asked, run_site(setting(None), found, read_manifest(out)), site, out)
-    with _executor(asked, limits) as executor:
-        manifest = open_manifest(out)
-        try:
-            outcome = run_site(setting(executor), found, manifest)
-        finally:
-            manifest.close()
-    cases = judge(outcome.entries, site.bars)
-    for path, content in _files(outcome, cases).items():
-        write_whole(out / path, content)
-    write_whole(out / TRENDS, _trends(out, say))
-    _write_verdicts(asked, cases)
+    # No other run may write before the files of the whole site are written, too.
+    with _executor(asked, limits) as executor, closing(open_manifest(out)) as manifest:
+        outcome = run_site(setting(executor), found, manifest)
+        cases = judge(outcome.entries, site.bars)
+        for path, content in _files(outcome, cases).items():
+            write_whole(out / path, content)
+        _write_verdicts(asked, cases)
+        write_whole(out / TRENDS, _trends(out, say))
     problems = sum(entry.problem is not None for entry in outcome.entries)
     say(f"{len(found)} recordings; {len(outcome.entries)} results, {outcome.begun} of them run now, {problems} "
         f"with a problem; wrote {os.path.relpath(out)}")
@@ -92,7 +89,9 @@ def _trends(out: Path, say: Callable[[str], None]) -> str:
 
 def _write_verdicts(asked: Asked, cases: Sequence[Case]) -> None:
     for path, form in ((asked.junit, junit), (asked.markdown, markdown)):
-        if path:
+        if path == "-":
+            put(form(cases))
+        elif path:
             write_whole(path, form(cases))
 
 
@@ -108,24 +107,29 @@ def _verdict(asked: Asked, cases: Sequence[Case]) -> int:
 
 
 def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> int:
-    """Say what does not hold; the exit code."""
+    """Say what does not hold, or write the verdicts; the exit code."""
     cases = judge(outcome.entries, site.bars)
     wrong = list(outcome.undone)
     if not wrong:
-        for path, content in _files(outcome, cases).items():
-            data = content.encode() if isinstance(content, str) else content
-            try:
-                same = (out / path).read_bytes() == data
-            except OSError:
-                same = False
-            wrong += [] if same else [f"{path}: it is not what the results give"]
-    if not wrong:
-        same = (out / TRENDS).is_file() and (out / TRENDS).read_text() == _trends(out, speaker(asked))
-        wrong += [] if same else [f"{TRENDS}: it is not what the summary gives"]
+        wrong += [f"{path}: it is not what the results give" for path, content in _files(outcome, cases).items()
+                  if not _is(out / path, content)]
+    if not wrong and not _is(out / TRENDS, _trends(out, speaker(asked))):
+        wrong.append(f"{TRENDS}: it is not what the summary gives")
     for line in wrong:
         put(f"{line}\n")
     speaker(asked)(f"{len(wrong)} results do not hold" if wrong else f"all {len(outcome.entries)} results hold")
-    return MISSED if wrong else _verdict(asked, cases)
+    if wrong:
+        return MISSED
+    _write_verdicts(asked, cases)
+    return _verdict(asked, cases)
+
+
+def _is(path: Path, content: str | bytes) -> bool:
+    """Whether a file has a content."""
+    try:
+        return path.read_bytes() == encoded(content)
+    except OSError:
+        return False
 
 
 @contextmanager

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import chain
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, Recording, digest, safe
-from drivetool.errors import BadParameters
 from drivetool.files.site.shapes import NEXT, PREVIOUS
 
 Line = Mapping[str, Any]
+CHANGED = "changed"  # how a step ends whose recording is not, or no longer, what it was found to be
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,10 @@ class Task:
 
     @property
     def content(self) -> str:
-        """The same without what recordings are called: equal where another one has the same bytes."""
+        """The same without what recordings are called: equal where one of the same format has the same bytes."""
         made_of = {name: value for name, value in self.inputs.items() if name not in ("names", "params")}
-        return _hash({**made_of, "origins": self.origins})
+        formats = [PurePosixPath(name).suffix.lower() for name in self.inputs["names"]]
+        return _hash({**made_of, "origins": self.origins, "formats": formats})
 
 
 def _hash(value: object) -> str:
@@ -79,13 +81,12 @@ def _hash(value: object) -> str:
 class Maker:
     """Makes the tasks of a step.
 
-    folder    of the site file; out: path of the results from there
+    out       path of the results from the folder of the site file
     steps     by name
     numerics  versions that the numbers depend on
     outputs   files that there are by now
     """
 
-    folder: Path
     out: str
     steps: Mapping[str, Step]
     numerics: Mapping[str, str]
@@ -124,31 +125,22 @@ class Maker:
                 return task
             params.append((f"{self.out}/{place[1]}", [f"{name}.yaml", place[0].sha256]))
             task.origins.append(place[0].content)
-        maps = {(r.section.map, r.map_sha256) for r in logs} if step.map is None else {(step.map, None)}
+        read = [*logs, *([holdout] if holdout else [])]
+        maps = {(r.section.map, r.map_sha256) for r in read} if step.map is None else {(None, None)}
         if len(maps) > 1:
             task.problem = (f"wanted one channel map for {task.label}; found {len(maps)}. Give these recordings "
                             "one map at recordings of the site file.")
             return task
         [(channel_map, map_sha)] = maps
-        read = [*logs, *([holdout] if holdout else [])]
-        files = {name: digest(self.folder / name) for name in (*step.files, *step.by_hand) if name != "-"}
-        files |= {step.map: self._map(step.map)} if step.map else {}
-        task.words = [step.command, *(r.path for r in logs), *step.words]
-        task.words += [word for path, _ in params for word in ("--params", path)]
-        task.words += ["--map", channel_map] if channel_map and step.map is None else []
+        task.words = [step.command, *step.words, *(word for path, _ in params for word in ("--params", path))]
+        task.words += ["--map", channel_map] if channel_map else []
         task.words += ["--holdout", holdout.path] if holdout else []
+        task.words += ["--", *(r.path for r in logs)]
         task.inputs = {
             "recordings": [r.sha256 for r in read], "names": [r.path for r in read], "command": step.command,
-            "options": dict(step.options), "map": map_sha, "params": [sha for _, sha in params], "files": files,
-            "numerics": dict(self.numerics)}
+            "options": dict(step.options), "map": map_sha, "params": [sha for _, sha in params],
+            "files": dict(step.files), "numerics": dict(self.numerics)}
         return task
-
-    def _map(self, name: str) -> str:
-        try:
-            return digest(self.folder / name)
-        except OSError as error:
-            raise BadParameters(f"to read the channel map {name}", error.strerror or str(error),
-                                "Correct the command in the recipe.") from None
 
 
 def newest(outputs: Outputs, step: Step, machine: Machine, order: int) -> tuple[Output, str] | None:
@@ -158,22 +150,23 @@ def newest(outputs: Outputs, step: Step, machine: Machine, order: int) -> tuple[
     if step.joint:
         output = outputs.get((step.name, machine.name, ""))
         return (output, f"{safe(machine.name)}/{step.name}.yaml") if output else None
-    have = [r for r in machine.recordings if (step.name, machine.name, r.path) in outputs]
-    if not have:
-        return None
-    chosen = ([r for r in have if r.order <= order] or have[:1])[-1]
-    return outputs[step.name, machine.name, chosen.path], f"{chosen.folder}/{step.name}.yaml"
+    for r in _around(machine, range(order - 1, -1, -1), range(order, len(machine.recordings))):
+        if output := outputs.get((step.name, machine.name, r.path)):
+            return output, f"{r.folder}/{step.name}.yaml"
+    return None
 
 
 def judging(judge: str, machine: Machine, recording: Recording) -> Recording | None:
     """The recording that judges the fit of another; none of the same content, which would judge itself."""
     kind = recording.kind if judge in (NEXT, PREVIOUS) else judge
-    others = [r for r in machine.recordings if r.kind == kind and r.sha256 != recording.sha256]
-    before = [r for r in others if r.order < recording.order]
-    after = [r for r in others if r.order > recording.order]
-    if judge == NEXT:
-        return next(iter(after[:1] or before[-1:]), None)
-    return next(iter(before[-1:] or after[:1]), None)
+    ranges = range(recording.order - 2, -1, -1), range(recording.order, len(machine.recordings))
+    return next((r for r in _around(machine, *(reversed(ranges) if judge == NEXT else ranges))
+                 if r.kind == kind and r.sha256 != recording.sha256), None)
+
+
+def _around(machine: Machine, *places: range) -> Iterator[Recording]:
+    """The recordings at places of the machine's order, counted from zero."""
+    return (machine.recordings[i] for i in chain(*places))
 
 
 def shared(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
@@ -192,9 +185,16 @@ def reasons(task: Task, line: Line | None, out: Path, limits: Mapping[str, float
         return _changes(line["inputs"], task.inputs) or ["its inputs have changed"]
     if line["sha256"] is not None:
         return _of_file(out / task.output, line["sha256"])
-    if line["ended"] and (retry or line["limit"] < limits.get(line["ended"], 0.0)):
-        return ["--retry" if retry else f"the limit of {line['ended']} is higher"]
-    return []
+    return again(line, limits, retry)
+
+
+def again(line: Line, limits: Mapping[str, float], retry: bool) -> list[str]:
+    """Why what gave nothing is to be done again with equal inputs; none if it is not."""
+    if retry:
+        return ["--retry"]
+    if line["ended"] == CHANGED:
+        return ["its recording was changed while it was read"]
+    return [f"the limit of {line['ended']} is higher"] if line["limit"] < limits.get(line["ended"], 0.0) else []
 
 
 def _of_file(path: Path, sha256: str) -> list[str]:

@@ -101,7 +101,10 @@ def _look(path: str, channel_map: str | None) -> dict[str, Any]:
     from drivetool.logs.look import Look, look_at
 
     try:
-        return asdict(look_at(path, load_channel_map(channel_map)))
+        with open(path, "rb"):
+            return asdict(look_at(path, load_channel_map(channel_map)))
+    except OSError:  # gone for now: nothing was seen
+        return {}
     except Exception:  # whatever is wrong with the recording or its map: the steps will say so
         return asdict(Look())
 

@@ -14,6 +14,7 @@ from drivetool.files.site.summary import Entry
 from drivetool.files.site.told import Told
 
 EVERYWHERE = "all machines"  # of a bar that no recording can meet or miss
+UNITLESS = (None, "", "1", "%")  # a limit of these is a number alone
 FORBIDDEN = {"no-failure": ("failure",), "no-warning": ("failure", "warning")}
 
 
@@ -98,6 +99,9 @@ def _of_figure(bar: BarSection, group: Sequence[Entry]) -> str | None:
             bound *= units.factor(limit.unit, figure.unit or "", name)
         except BadParameters as error:
             return f"{error}"
+    elif figure.unit not in UNITLESS:
+        return (f"wanted a unit with {bar_name(bar)}, a figure in {figure.unit}; found none. Write it as in "
+                f"'{{value: {bound:g}, unit: {figure.unit}}}'.")
     met = figure.value <= bound if bar.at_least is None else figure.value >= bound
     unit = f" {figure.unit}" if figure.unit else ""
     return "" if met else (f"wanted {bar_name(bar)}; found {figure.value:.5g}{unit} in the file of {step}. Look at "
@@ -112,6 +116,9 @@ def figures(told: Told) -> Mapping[str, Figure]:
 
 
 def _nowhere(bar: BarSection, entries: Sequence[Entry]) -> str:
+    if bar.findings:
+        return (f"wanted {bar_name(bar)}; found no file of {bar.step or 'any step'}. See the problems in the "
+                "summary.")
     known = sorted({name for e in entries if e.told is not None for name in figures(e.told)})
     return (f"wanted {bar_name(bar)}; found no file with it (available: {', '.join(known) or 'none'}). "
             "Correct the bar, or add the step that gives the figure.")

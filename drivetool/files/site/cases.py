@@ -116,18 +116,18 @@ def _listed(lines: Sequence[str]) -> list[str]:
 
 
 def _attribute(text: str) -> str:
-    return quoteattr(_seen(text))
+    return quoteattr(visible(text))
 
 
 def _text(text: str) -> str:
-    return escape(_seen(text))
+    return escape(visible(text))
 
 
-def _seen(text: str) -> str:
+def visible(text: str) -> str:
     """What XML cannot hold, and what a terminal would obey, as it is written in source code."""
     return _CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def _marked(text: str) -> str:
     """A text that Markdown shows as it is, in one line."""
-    return _MARKED.sub(r"\\\1", " ".join(_seen(text).split()))
+    return _MARKED.sub(r"\\\1", " ".join(visible(text).split()))

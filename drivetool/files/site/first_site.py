@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from drivetool.files.site.cases import visible
 from drivetool.files.site.shapes import ONE_KIND, SITE_SCHEMA
 
 # The end of a kind's name whose recordings judge what others were fitted to.
@@ -44,17 +45,29 @@ class Seen:
     metadata: Sequence[str]
 
 
-def kinds_of(stems: Sequence[str]) -> dict[str, str]:
-    """File name without suffix -> kind: the word of `KNOWN` in it, with what tells that it is held out.
+def kinds_of(stems: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """File name without suffix -> (kind, pattern of such names).
 
     stems    names of all recordings
-    returns  every kind empty unless each name has one
+    returns  kind: the word of `KNOWN` in the name, with what tells that it is held out; empty, and the pattern *,
+             unless each name has one
     """
-    found = {}
+    held_out, found = _either(HELD_OUT), {}
     for stem in stems:
-        known = next((word for word in KNOWN if re.search(rf"(?<![a-z]){word}(?![a-z])", stem.lower())), "")
-        found[stem] = f"{known}_{HELD_OUT}" if known and HELD_OUT in stem.lower() else known
-    return found if all(found.values()) else dict.fromkeys(stems, "")
+        for word in KNOWN:
+            if there := re.search(f"(?<![A-Za-z]){_either(word)}(?![A-Za-z])", stem):
+                kind, words = word, [_either(word)]
+                if held := re.search(held_out, stem):
+                    kind = f"{word}_{HELD_OUT}"
+                    words = [*words, held_out] if there.start() < held.start() else [held_out, *words]
+                found[stem] = kind, "*".join(["", *words, ""])
+                break
+    return found if len(found) == len(set(stems)) else dict.fromkeys(stems, ("", "*"))
+
+
+def _either(word: str) -> str:
+    """A word with or without a capital, as a pattern of paths and as a regular expression."""
+    return f"[{word[0].upper()}{word[0]}]{word[1:]}"
 
 
 def first_site(seen: Sequence[Seen]) -> str:
@@ -64,7 +77,7 @@ def first_site(seen: Sequence[Seen]) -> str:
     """
     recordings = "\n".join(_recordings(each) for each in seen)
     machines = sorted({name for each in seen for name in each.machines})
-    shown = ", ".join(machines[:6]) + (f" and {len(machines) - 6} more" if len(machines) > 6 else "")
+    shown = _line(machines[:6]) + (f" and {len(machines) - 6} more" if len(machines) > 6 else "")
     steps = "\n".join(_recipe(seen))
     return f"""schema: {SITE_SCHEMA}
 
@@ -88,9 +101,10 @@ bars:
 
 
 def _recordings(seen: Seen) -> str:
-    lines = [f"  # {seen.count} recordings; {seen.example} has {', '.join(seen.channels) or 'no channels'}."]
+    channels = _line(seen.channels) or "no channels"
+    lines = [f"  # {seen.count} recordings; {_line([seen.example])} has {channels}."]
     if seen.metadata:
-        lines.append(f"  # Its metadata: {', '.join(seen.metadata)}.")
+        lines.append(f"  # Its metadata: {_line(seen.metadata)}.")
     lines.append(f"  - files: {_quoted(seen.files)}")
     lines += [f"    kind: {seen.kind}"] if seen.kind else []
     lines.append("    machine: {folder: 1}")
@@ -128,6 +142,11 @@ def _step(command: str, kind: str, params: Sequence[str], name: str = "", more: 
                                 "params": f"[{', '.join(params)}]" if params else ""}
     parts = [f"{key}: {text}" for key, text in words.items() if text] + ([more] if more else [])
     return f"  - {{{', '.join(parts)}}}"
+
+
+def _line(names: Sequence[str]) -> str:
+    """Names in one line of a comment, whatever signs are in them."""
+    return " ".join(visible(", ".join(names)).split())
 
 
 def _quoted(text: str) -> str:

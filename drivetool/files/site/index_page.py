@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -53,11 +54,12 @@ def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs
 def _worst_first(groups: Mapping[str, Mapping[str, Sequence[Entry]]],
                  missed: Mapping[tuple[str, str], Sequence[Case]]) -> list[str]:
     """Machines by missed bars, then failure findings, then warnings, then name."""
+    bars = Counter(machine for (machine, _), several in missed.items() for _ in several)
+
     def badness(machine: str) -> tuple[int, int, int]:
         severities = [severity for several in groups[machine].values() for entry in several
                       if entry.told is not None for severity, _, _ in entry.told.findings]
-        bars = sum(len(several) for (name, _), several in missed.items() if name == machine)
-        return -bars, -severities.count("failure"), -severities.count("warning")
+        return -bars[machine], -severities.count("failure"), -severities.count("warning")
 
     return sorted(groups, key=lambda machine: (badness(machine), natural(Path(machine))))
 

@@ -16,7 +16,11 @@ from drivetool.errors import BadOption, CannotWrite
 from drivetool.files.write import make_folder
 
 NAME = "manifest.jsonl"
-MARK = "drivetool/manifest/1"  # the first line says what the file is
+HEAD = b'{"schema":"drivetool/manifest/1"}\n'  # the first line says what the file is
+# What a line has besides "output" or "look".
+STEP = {"key", "content", "inputs", "sha256", "code", "problem", "ended", "limit", "told", "seconds",
+        "peak_memory_mb"}
+LOOK = {"map", "drivetool", "start", "metadata", "ended", "limit"}
 
 
 @dataclass
@@ -24,7 +28,7 @@ class Manifest:
     """The lines of a manifest, and where further ones go.
 
     steps  path of an output from the folder of the results -> its last line
-    looks  (sha256 of a recording, sha256 of its map or "") -> what was seen in it
+    looks  (sha256 and suffix of a recording, sha256 of its map or "") -> what was seen in it
     """
 
     path: Path
@@ -37,8 +41,11 @@ class Manifest:
 
         raises  CannotWrite: the disk is full; what was written of the line is taken back
         """
+        self._write((json.dumps(line, separators=(",", ":")) + "\n").encode())
+        self._take(dict(line))
+
+    def _write(self, data: bytes) -> None:
         assert self._stream is not None
-        data = (json.dumps(line, separators=(",", ":")) + "\n").encode()
         before = os.fstat(self._stream.fileno()).st_size
         try:
             if os.write(self._stream.fileno(), data) < len(data):
@@ -47,7 +54,6 @@ class Manifest:
         except OSError as error:
             os.ftruncate(self._stream.fileno(), before)
             raise _cannot(self.path, error) from error
-        self._take(dict(line))
 
     def close(self) -> None:
         """Let others write."""
@@ -55,19 +61,27 @@ class Manifest:
             self._stream.close()
 
     def _take(self, line: dict[str, Any]) -> None:
-        if "output" in line:
+        """A line without its fields was edited by hand: what it told is done again."""
+        if "output" in line and line.keys() >= STEP:
             self.steps[line["output"]] = line
-        elif "look" in line:
+        elif "look" in line and line.keys() >= LOOK:
             self.looks[line["look"], line["map"] or ""] = line
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest in a folder of results; without lines where there is none. Nothing is written."""
+    """The manifest in a folder of results; without lines where there is none. Nothing is written.
+
+    raises  BadOption: the file is no manifest of a batch
+    """
     found = Manifest(folder / NAME)
-    for line in _whole(found.path.read_bytes()).splitlines() if found.path.exists() else ():
+    data = found.path.read_bytes() if found.path.exists() else b""
+    if data[:len(HEAD)] != HEAD[:len(data)]:
+        raise BadOption(f"a folder of results of batch, or a new one, at {folder}",
+                        f"a {NAME} there that is none of this version of batch", "Give another folder with --out.")
+    for line in _whole(data).splitlines():
         try:
             found._take(json.loads(line))
-        except (ValueError, TypeError, KeyError):  # edited by hand: what it told is done again
+        except (ValueError, TypeError, AttributeError):  # edited by hand, too
             continue
     return found
 
@@ -75,7 +89,7 @@ def read_manifest(folder: Path) -> Manifest:
 def open_manifest(folder: Path) -> Manifest:
     """The manifest in a folder of results, open for one writer; both are made where they are missing.
 
-    raises  BadOption: another run is writing; CannotWrite: the system refuses
+    raises  BadOption: another run is writing, or the file there is none of a batch; CannotWrite: the system refuses
     """
     make_folder(folder)
     path = folder / NAME
@@ -83,12 +97,16 @@ def open_manifest(folder: Path) -> Manifest:
         stream = open(path, "ab", buffering=0)  # noqa: SIM115 - closed by close()
     except OSError as error:
         raise _cannot(path, error) from error
-    _lock(stream, folder)
-    os.ftruncate(stream.fileno(), len(_whole(path.read_bytes())))
-    found = read_manifest(folder)
-    found._stream = stream
-    if os.fstat(stream.fileno()).st_size == 0:
-        found.append({"schema": MARK})
+    try:
+        _lock(stream, folder)
+        found = read_manifest(folder)
+        os.ftruncate(stream.fileno(), len(_whole(path.read_bytes())))
+        found._stream = stream
+        if os.fstat(stream.fileno()).st_size == 0:
+            found._write(HEAD)
+    except BaseException:
+        stream.close()
+        raise
     return found
 
 
@@ -106,7 +124,6 @@ def _lock(stream: BinaryIO, folder: Path) -> None:
     try:
         fcntl.flock(stream.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        stream.close()
         raise BadOption(f"results in {folder} that no other run writes", "another batch at work there",
                         "Wait for it, or give another folder with --out.") from None
 

@@ -56,7 +56,8 @@ class BarSection(Shape):
 
     figure: Annotated[str | None, Meta(
         description="a parameter, derived.NAME, or a figure of fit such as simulation_fit_percent")] = None
-    at_most: MeasureSection | float | None = None
+    at_most: Annotated[MeasureSection | float | None, Meta(
+        description="with a unit, where the figure has one")] = None
     at_least: MeasureSection | float | None = None
     findings: Annotated[Literal["no-failure", "no-warning"] | None, Meta(
         description="no-warning forbids failures, too")] = None

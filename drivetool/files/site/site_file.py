@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -129,15 +130,18 @@ def _check_judge(step: StepSection, known: Sequence[str], where: str) -> None:
 
 def _check_bar(bar: BarSection, recipe: Sequence[StepSection], where: str) -> None:
     said = [key for key in ("at_most", "at_least") if getattr(bar, key) is not None]
-    if (bar.figure is None) == (bar.findings is None):
+    if (not bar.figure) == (bar.findings is None):
         raise BadParameters(f"either figure or findings at {where}", "both" if bar.figure else "none of them",
                             "Make two bars of it, or say one of them.")
-    if len(said) != (bar.figure is not None):
+    if len(said) != bool(bar.figure):
         wanted = "one of at_most and at_least" if bar.figure else "no limit beside findings"
         raise BadParameters(f"{wanted} at {where}", " and ".join(said) or "none",
                             "Write for example '{figure: shaft.half_gap, at_most: {value: 5, unit: mrad}}'.")
     for key in said:
         limit = getattr(bar, key)
+        value = limit.value if isinstance(limit, MeasureSection) else limit
+        if not math.isfinite(value):
+            raise BadParameters(f"a finite number of {key} at {where}", f"{value}", "Correct it.")
         if isinstance(limit, MeasureSection) and not units.is_known(limit.unit):
             raise BadParameters(f"a unit of {key} at {where}", f"'{limit.unit}'",
                                 "Write it as in 'mrad' or 'Nm/rad'.")
