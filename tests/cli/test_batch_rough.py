@@ -107,15 +107,15 @@ def test_what_a_limit_kept_from_being_seen_is_looked_at_again(here, call):
 
 def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeypatch):
     sites.small(here, count=1)
-    trends = site._trends
+    told = site._told
 
-    def locked(out, say):
+    def locked(outcome, cases, out, say):
         with pytest.raises(BadOption, match="another batch at work"):  # until all files are written
             open_manifest(out)
-        return trends(out, say)
+        return told(outcome, cases, out, say)
 
     with monkeypatch.context() as patch:
-        patch.setattr(site, "_trends", locked)
+        patch.setattr(site, "_told", locked)
         assert call("batch", "site.yaml", "--junit", "a.xml")[0] == 0
     code, _, err = call("batch", "site.yaml", "--junit", "v", "--markdown", "v")
     assert code == 2 and "different files" in err and not Path("v").exists()
@@ -124,7 +124,7 @@ def test_verdicts_are_written_by_verify_too_and_nothing_else(here, call, monkeyp
     assert code == 0 and out.startswith("# drivetool: 2 checks passed")
     assert Path("new/b.xml").read_bytes() == Path("a.xml").read_bytes()
     Path("site-results/trends.yaml").write_bytes(b"\xff")
-    assert call("batch", "site.yaml", "--verify")[1] == "trends.yaml: it is not what the summary gives\n"
+    assert call("batch", "site.yaml", "--verify")[1] == "trends.yaml: it is not what the results give\n"
 
 
 @pytest.mark.parametrize("content", [b'{"a": 1}\n{"b"', b"no line end", b'{"schema":"drivetool/manifest/2"}\n'])

@@ -219,3 +219,19 @@ def test_what_is_wrong_is_one_sentence_before_anything_runs(here, call, case):
     assert code in (1, 2) and out == "" and err.count("\n") == 1, err
     assert all(word in err for word in words), err
     assert not Path("site-results").exists()
+
+
+def test_what_changed_is_said_on_the_page_and_its_machine_comes_first(here, call):
+    """The friction of the second press steps by far; of a recording of the first the torque is doubled."""
+    for machine, steps in (("press1", False), ("press2", True)):
+        for k in range(9):
+            scale = 2.0 if (machine, k) == ("press1", 3) else 1.0
+            coulomb = scale * (0.4 if steps and k > 5 else 0.3)
+            sites.write(f"logs/{machine}/{k}.parquet", 10 * steps + k, coulomb=coulomb, viscous=scale * 0.05)
+    sites.write_site(here)
+    code, _, err = call("batch", "site.yaml")
+    page = (here / "site-results/index.html").read_text()
+    assert code == 0 and page.index("<td>press2</td>") < page.index("<td>press1</td>")
+    assert "Motor Coulomb friction of press2 grew from 0.3" in page and "trends.yaml" in page
+    assert "logs/press1/3.parquet lies far from the others" in page
+    assert "warning: logs/press1/3.parquet lies far from the others" in err

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -54,25 +54,23 @@ def run(asked: Asked) -> int:
     with _executor(asked, limits) as executor, closing(open_manifest(out)) as manifest:
         outcome = run_site(setting(executor), found, manifest)
         cases = judge(outcome.entries, site.bars)
-        for path, content in _files(outcome, cases).items():
-            write_whole(out / path, content)
+        _write(out, _tables(outcome))
         _write_verdicts(asked, cases)
-        write_whole(out / TRENDS, _trends(out, say))
+        _write(out, _told(outcome, cases, out, say))
     problems = sum(entry.problem is not None for entry in outcome.entries)
     say(f"{len(found)} recordings; {len(outcome.entries)} results, {outcome.begun} of them run now, {problems} "
         f"with a problem; wrote {os.path.relpath(out)}")
     return _verdict(asked, cases)
 
 
-def _files(outcome: Outcome, cases: Sequence[Case]) -> dict[str, str | bytes]:
-    """The files of the whole site; the same for the same results, but for the cost of the run."""
+def _tables(outcome: Outcome) -> dict[str, str | bytes]:
+    """The summary in both forms; the same for the same results, but for the cost of the run."""
     table = rows(outcome.entries)
-    return {SUMMARY: summary_parquet(table), TABLE: summary_csv(table),
-            PAGE: index_page(outcome.entries, cases, outcome.outputs)}
+    return {SUMMARY: summary_parquet(table), TABLE: summary_csv(table)}
 
 
-def _trends(out: Path, say: Callable[[str], None]) -> str:
-    """The trends file of the summary that was written; alarms are said."""
+def _told(outcome: Outcome, cases: Sequence[Case], out: Path, say: Callable[[str], None]) -> dict[str, str | bytes]:
+    """What the summary that was written says: the trends file and the page. What changed is said."""
     from drivetool.check.trends.findings import trends_of
     from drivetool.check.trends.trend import ALARM
     from drivetool.files.result_file import dump
@@ -80,11 +78,17 @@ def _trends(out: Path, say: Callable[[str], None]) -> str:
     from drivetool.logs.summary import read_summary
 
     findings, found = trends_of(read_summary(out / SUMMARY))
-    for finding in findings:
-        if finding.severity != "note":
-            say(f"{finding.severity}: {finding.text}")
+    changed = [finding for finding in findings if finding.severity != "note"]
+    for finding in changed:
+        say(f"{finding.severity}: {finding.text}")
     # Without the checksum of the summary, which has the cost of the run in it.
-    return dump(trends_file(findings, found, {"alarm": ALARM}))
+    return {TRENDS: dump(trends_file(findings, found, {"alarm": ALARM})),
+            PAGE: index_page(outcome.entries, cases, outcome.outputs, changed)}
+
+
+def _write(out: Path, files: Mapping[str, str | bytes]) -> None:
+    for path, content in files.items():
+        write_whole(out / path, content)
 
 
 def _write_verdicts(asked: Asked, cases: Sequence[Case]) -> None:
@@ -110,11 +114,10 @@ def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> int:
     """Say what does not hold, or write the verdicts; the exit code."""
     cases = judge(outcome.entries, site.bars)
     wrong = list(outcome.undone)
-    if not wrong:
-        wrong += [f"{path}: it is not what the results give" for path, content in _files(outcome, cases).items()
-                  if not _is(out / path, content)]
-    if not wrong and not _is(out / TRENDS, _trends(out, speaker(asked))):
-        wrong.append(f"{TRENDS}: it is not what the summary gives")
+    for made in (lambda: _tables(outcome), lambda: _told(outcome, cases, out, speaker(asked))):
+        if not wrong:
+            wrong += [f"{path}: it is not what the results give" for path, content in made().items()
+                      if not _is(out / path, content)]
     for line in wrong:
         put(f"{line}\n")
     speaker(asked)(f"{len(wrong)} results do not hold" if wrong else f"all {len(outcome.entries)} results hold")

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
+from drivetool.errors import Finding
 from drivetool.files.report_style import CSS
 from drivetool.files.site.cases import Case
 from drivetool.files.site.summary import FIT, Entry
@@ -19,11 +20,13 @@ Outputs = Mapping[tuple[str, str, str], str]  # (machine, recording, step) -> fi
 HEADS = ("Machine", "Recording", "Began (UTC)", "Files", "Fit", "Findings", "Missed")
 
 
-def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs) -> str:
+def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs,
+               changed: Sequence[Finding] = ()) -> str:
     """The page as text; the same results give the same bytes.
 
     entries  of the summary, in its order
     cases    of the bars
+    changed  what the trends of the site say, alarms first
     """
     missed: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
@@ -33,7 +36,7 @@ def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs
     for entry in entries:
         groups.setdefault(entry.machine, {}).setdefault(entry.recording, []).append(entry)
     rows = [_row(machine, recording, groups[machine][recording], missed.get((machine, recording), []), outputs)
-            for machine in _worst_first(groups, missed) for recording in groups[machine]]
+            for machine in _worst_first(groups, missed, changed) for recording in groups[machine]]
     recordings = sum(bool(recording) for group in groups.values() for recording in group)
     bad = sum(map(len, missed.values()))
     everywhere = "".join(f"<p>{escape(case.text)}</p>" for (machine, _), several in missed.items()
@@ -46,20 +49,31 @@ def index_page(entries: Sequence[Entry], cases: Sequence[Case], outputs: Outputs
             f"<title>Site of recordings</title>\n<style>\n{CSS}\n{OWN_CSS}\n</style>\n</head>\n<body>\n"
             f"<h1>Site of recordings</h1>\n<div class=\"verdict {kind}\"><strong>{said}</strong>"
             f"<p>{recordings} recordings of {len(groups)} machines; the machine with most missed comes first. "
-            f"All values are in <a href=\"summary.csv\">summary.csv</a>.</p>{everywhere}</div>\n"
+            f"All values are in <a href=\"summary.csv\">summary.csv</a>.</p>{everywhere}</div>\n{_changed(changed)}"
             f"<div class=\"scroll\"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n" + "\n".join(rows)
             + "\n</tbody>\n</table></div>\n</body>\n</html>\n")
 
 
+def _changed(changed: Sequence[Finding]) -> str:
+    """The alarms and the recordings far from all others, in words; nothing where there are none."""
+    if not changed:
+        return ""
+    told = "\n".join(f"<li>{escape(finding.text)}</li>" for finding in changed)
+    return ("<h2>What changed</h2>\n"
+            f"<ul>\n{told}\n</ul>\n<p>Means, drifts and steps of all series are in "
+            '<a href="trends.yaml">trends.yaml</a>.</p>\n')
+
+
 def _worst_first(groups: Mapping[str, Mapping[str, Sequence[Entry]]],
-                 missed: Mapping[tuple[str, str], Sequence[Case]]) -> list[str]:
-    """Machines by missed bars, then failure findings, then warnings, then name."""
+                 missed: Mapping[tuple[str, str], Sequence[Case]], changed: Sequence[Finding]) -> list[str]:
+    """Machines by missed bars, then by what changed, then failure findings, then warnings, then name."""
+    alarms = Counter(finding.evidence["machine"] for finding in changed)
     bars = Counter(machine for (machine, _), several in missed.items() for _ in several)
 
-    def badness(machine: str) -> tuple[int, int, int]:
+    def badness(machine: str) -> tuple[int, int, int, int]:
         severities = [severity for several in groups[machine].values() for entry in several
                       if entry.told is not None for severity, _, _ in entry.told.findings]
-        return -bars[machine], -severities.count("failure"), -severities.count("warning")
+        return -bars[machine], -alarms[machine], -severities.count("failure"), -severities.count("warning")
 
     return sorted(groups, key=lambda machine: (badness(machine), natural(Path(machine))))
 
