@@ -45,7 +45,7 @@ CODES = {
         "Give the recordings of a machine one unit of torque, by a channel map or a torque constant."),
     "values-missing": Code(
         NOTE,
-        "Some recordings have no fitted value of a parameter: it was held, not identifiable, or not finite. They "
-        "are left out of its trend.",
+        "Some recordings have no fitted value of a parameter: it was held, not identifiable, not finite, or has no "
+        "standard deviation where others have one. They are left out of its trend.",
         "See in the files of these recordings why they have none."),
 }

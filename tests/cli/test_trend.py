@@ -118,11 +118,14 @@ def test_one_recording_per_machine_has_means_only(call, summary):
 def test_values_that_are_none_are_left_out_and_counted(call, summary):
     rows = site(4, machines=2)
     odd = {3: {"value": float("nan")}, 5: {"value": float("inf")}, 7: {"value": None},
-           9: {"status": "not-identifiable"}, 11: {"std": float("nan")}, 13: {"std": None}, 15: {"std": -1.0}}
+           9: {"status": "not-identifiable"}, 11: {"std": float("nan")}, 13: {"std": None}, 15: {"std": -1.0},
+           17: {"std": None, "status": "at-bound"}}
     rows = [replace(r, **odd.get(r.order, {})) for r in rows]
     codes, file = codes_of(call, summary, rows)
-    assert codes == ["values-missing"] and {s["left_out"] for s in file["series"]} == {4}
-    assert {s["mean"]["recordings"] for s in file["series"]} == {21}
+    assert codes == ["values-missing"] and {s["left_out"] for s in file["series"]} == {7}
+    assert {s["mean"]["recordings"] for s in file["series"]} == {18}
+    _, file = codes_of(call, summary, [replace(r, std=None) for r in rows])  # where none has one, none lacks it
+    assert {s["left_out"] for s in file["series"]} == {4}
 
 
 def test_equal_values_have_no_trend(call, summary):

@@ -12,6 +12,7 @@ from drivetool.logs.summary import Row
 DAY = 86400.0  # s
 # A value that was not fitted says nothing of the machine at that time.
 NOT_MEASURED = ("held", "not-identifiable")
+AT_BOUND = "at-bound"  # a value without a std, and yet by its recording
 # Where a recording turns one way, a friction stands for the sum of both: no value of a series of one of them.
 TOGETHER, SUMMED = "idle-and-coulomb-together", (".idle_torque", ".coulomb")
 LARGEST = 1e100  # of a value or a std: the square of a larger one is soon none
@@ -71,7 +72,9 @@ def series_of(rows: Iterable[Row]) -> tuple[Series, ...]:
 
     rows     in any order. A row without a parameter tells nothing here, nor does one of all recordings together.
     returns  one Series per machine, parameter, step and kind with at least one value. Values that are not finite,
-             held or not identifiable are counted in `left_out`. A unit that changes begins a series of its own.
+             held or not identifiable are counted in `left_out`. So is one without a std where others have one: of
+             a fit that did not settle, or a share of what only a sum tells. A unit that changes begins a series of
+             its own.
     """
     groups: dict[tuple[str, str, str, str, str], list[Row]] = {}
     for row in rows:
@@ -84,10 +87,12 @@ def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series
     """The rows of one series; None where no value is left."""
     machine, parameter, step, unit, kind = key
     told = sorted((row for row in group if _told(row)), key=lambda row: (row.order, row.recording))
+    if any(_std(row) is not None for row in told):  # a value without one is told by no record of its own
+        told = [row for row in told if _std(row) is not None or row.status == AT_BOUND]
     if not told:
         return None
     starts = [row.start for row in told]
-    stds = [row.std if row.std is not None and 0.0 < row.std < LARGEST else np.nan for row in told]
+    stds = [np.nan if (std := _std(row)) is None else std for row in told]
     return Series(machine, parameter, step, unit, tuple(row.recording for row in told),
                   None if None in starts else np.array(starts, float), np.array([row.value for row in told], float),
                   np.array(stds, float), len(group) - len(told), kind)
@@ -97,6 +102,11 @@ def _told(row: Row) -> bool:
     """Whether the row has a value that was fitted to its recording."""
     summed = TOGETHER in row.findings and (row.parameter or "").endswith(SUMMED)
     return row.value is not None and abs(row.value) < LARGEST and row.status not in NOT_MEASURED and not summed
+
+
+def _std(row: Row) -> float | None:
+    """The std of a row that can be one."""
+    return row.std if row.std is not None and 0.0 < row.std < LARGEST else None
 
 
 def without_copies(rows: Sequence[Row]) -> tuple[list[Row], dict[str, str]]:
