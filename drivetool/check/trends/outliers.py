@@ -53,19 +53,31 @@ def described(values: np.ndarray, variances: np.ndarray, tests: int, bar: float)
     while True:
         weights = weights_of(values[kept], variances[kept])
         model = model_of(values[kept], weights, tests)
-        farthest = _farthest(values[kept], scatter_weights(values[kept], variances[kept]), weights, model, tests)
+        farthest = _farthest(values[kept], variances[kept], model, tests)
         if len(kept) <= FEWEST or farthest.ratio < bar or farthest.chance > LEVEL:
             return Described(tuple(sorted(found, key=lambda outlier: outlier.place)), weights, model)
         found.append(replace(farthest, place=int(kept[farthest.place])))
         kept = np.delete(kept, farthest.place)
 
 
-def _farthest(values: np.ndarray, own: np.ndarray, weights: np.ndarray, model: Model, tests: int) -> Outlier:
-    """The recording farthest from what the others say, by a column of its own; own: weights as if it were none."""
-    design = columns(len(values), model.slope, model.cuts)
-    place = int(np.argmax(np.abs(values - design @ model.fit.coefficients) * np.sqrt(own)))
+def _farthest(values: np.ndarray, variances: np.ndarray, model: Model, tests: int) -> Outlier:
+    """The recording farthest from what the others say; how far that is where the stated std counts, and where not.
+
+    The less of the two is taken: a std by few intervals of a record may be far too small by chance.
+    """
+    own = scatter_weights(values, variances)
+    off = np.abs(values - columns(len(values), model.slope, model.cuts) @ model.fit.coefficients)
+    place = int(np.argmax(off * np.sqrt(own)))
+    return min((_apart(values, each, model, place, tests) for each in (variances, np.zeros_like(variances))),
+               key=lambda outlier: outlier.ratio)
+
+
+def _apart(values: np.ndarray, variances: np.ndarray, model: Model, place: int, tests: int) -> Outlier:
+    """A recording against the others, by a column of its own; its weight is as if it were no outlier."""
+    own, usual = scatter_weights(values, variances), weights_of(values, variances)
     alone = np.arange(len(values)) == place
-    found = fit(values, np.where(alone, own, weights), np.column_stack([design, alone]))
+    design = np.column_stack([columns(len(values), model.slope, model.cuts), alone])
+    found = fit(values, np.where(alone, own, usual), design)
     far, std = float(found.coefficients[-1]), found.std_left / float(np.sqrt(own[place]))
     ratio = abs(far) / std if std > 0.0 else 0.0  # all are zero
     return Outlier(place, float(values[place]), float(values[place]) - far, std, ratio,
