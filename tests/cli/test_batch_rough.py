@@ -50,6 +50,13 @@ def test_a_name_with_signs_of_a_pattern_stands_for_itself(here):
         find(load_site("site.yaml"), here, here)
 
 
+def test_no_folder_takes_the_place_of_a_file_of_the_site(here):
+    sites.write("index.html.parquet", 1)
+    sites.write("a.html.parquet", 1)
+    sites.write_site(here, [{"files": "*.parquet"}])
+    assert [r.folder for r in find(load_site("site.yaml"), here, here / "out")] == ["a.html", "index.html.parquet"]
+
+
 def test_a_name_that_no_library_reads_spoils_no_recording_of_equal_content(here, call):
     """One name begins with a dash, one is no text, and one is that of another format."""
     for name in "b/01.parquet", "b/02.parquet", "-c.parquet", "d/0.mcap":
