@@ -13,7 +13,8 @@ from drivetool.cli.batch.recipe import Step, steps_of
 from drivetool.cli.batch.recordings import Machine, Recording, find, machines_of
 from drivetool.cli.batch.run import run_site
 from drivetool.cli.batch.setting import Setting
-from drivetool.cli.batch.tasks import Maker, Output
+from drivetool.cli.batch.tasks import Maker, Output, again
+from drivetool.cli.batch.worker import done
 from drivetool.errors import BadOption, BadParameters
 from drivetool.files.site.manifest import NAME, Manifest, open_manifest, read_manifest
 from drivetool.files.site.shapes import RecordingsSection
@@ -86,9 +87,15 @@ def test_a_recording_that_is_gone_meanwhile_is_done_once_it_is_back(here, call, 
         patch.setattr(site, "find", found)
         assert call("batch", "site.yaml")[0] == 3
     os.rename("kept", "logs/press1/01.parquet")
-    assert "its recording was changed while it was read" in call("batch", "site.yaml", "--verify")[1]
+    assert "its recording could not be read as it was found" in call("batch", "site.yaml", "--verify")[1]
     code, _, err = call("batch", "site.yaml")
     assert code == 0 and "1 of them run now" in err
+
+
+def test_a_computer_that_does_not_see_the_folder_makes_no_lasting_problem(here):
+    answer = done({"folder": str(here / "nowhere"), "words": ["steady"]})
+    assert again({"limit": 0.0, **answer}, {"time": 1.0}, False) == [
+        "its recording could not be read as it was found"]
 
 
 def test_a_recording_that_cannot_be_read_is_a_row(here, call):
