@@ -131,7 +131,7 @@ def is_recording(path: Path, folder: Path) -> bool:
 @cache
 def _is_passed_over(folder: Path) -> bool:
     """Whether a folder is what a batch has written, or a link back to a folder that it lies in."""
-    if folder.is_symlink() and os.path.realpath(folder.parent).startswith(os.path.realpath(folder)):
+    if folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve()):
         return True
     try:
         with open(folder / NAME, "rb") as stream:
