@@ -10,8 +10,8 @@ CODES = {
         "Take the copies out of the site."),
     "few-recordings": Code(
         NOTE,
-        "A machine has too few recordings of one kind for a trend. Its means are stated; drifts and steps are not "
-        "looked for.",
+        "A machine has too few recordings of one kind for a trend, or too few days where one of them has several. "
+        "Its means are stated; drifts and steps are not looked for.",
         "Record it again on further days."),
     "outlying-recording": Code(
         WARNING,

@@ -13,7 +13,8 @@ from drivetool.cli.batch.recipe import Step, steps_of
 from drivetool.cli.batch.recordings import Machine, Recording, find, machines_of
 from drivetool.cli.batch.run import run_site
 from drivetool.cli.batch.setting import Setting
-from drivetool.cli.batch.tasks import Maker, Output
+from drivetool.cli.batch.tasks import Maker, Output, again
+from drivetool.cli.batch.worker import done
 from drivetool.errors import BadOption, BadParameters
 from drivetool.files.site.manifest import NAME, Manifest, open_manifest, read_manifest
 from drivetool.files.site.shapes import RecordingsSection
@@ -34,8 +35,8 @@ def recording(path, **more):
 
 def test_a_link_back_does_not_multiply_recordings_and_another_link_counts(here):
     sites.small(here)
-    shutil.move("logs/press2", "elsewhere")
-    os.symlink("../elsewhere", "logs/press2")
+    shutil.move("logs/press2", "log")  # the beginning of the other name
+    os.symlink("../log", "logs/press2")
     os.symlink("..", "logs/press1/back")
     paths = [r.path for r in find(load_site("site.yaml"), here, here / "out")]
     assert paths == [f"logs/press{i}/0{k}.parquet" for i in (1, 2) for k in (1, 2)]
@@ -48,6 +49,13 @@ def test_a_name_with_signs_of_a_pattern_stands_for_itself(here):
     assert [r.path for r in find(load_site("site.yaml"), here, here / "out")] == ["a[1].parquet"]
     with pytest.raises(BadParameters, match="but in that of the results"):
         find(load_site("site.yaml"), here, here)
+
+
+def test_no_folder_takes_the_place_of_a_file_of_the_site(here):
+    sites.write("index.html.parquet", 1)
+    sites.write("a.html.parquet", 1)
+    sites.write_site(here, [{"files": "*.parquet"}])
+    assert [r.folder for r in find(load_site("site.yaml"), here, here / "out")] == ["a.html", "index.html.parquet"]
 
 
 def test_a_name_that_no_library_reads_spoils_no_recording_of_equal_content(here, call):
@@ -79,9 +87,15 @@ def test_a_recording_that_is_gone_meanwhile_is_done_once_it_is_back(here, call, 
         patch.setattr(site, "find", found)
         assert call("batch", "site.yaml")[0] == 3
     os.rename("kept", "logs/press1/01.parquet")
-    assert "its recording was changed while it was read" in call("batch", "site.yaml", "--verify")[1]
+    assert "its recording could not be read as it was found" in call("batch", "site.yaml", "--verify")[1]
     code, _, err = call("batch", "site.yaml")
     assert code == 0 and "1 of them run now" in err
+
+
+def test_a_computer_that_does_not_see_the_folder_makes_no_lasting_problem(here):
+    answer = done({"folder": str(here / "nowhere"), "words": ["steady"]})
+    assert again({"limit": 0.0, **answer}, {"time": 1.0}, False) == [
+        "its recording could not be read as it was found"]
 
 
 def test_a_recording_that_cannot_be_read_is_a_row(here, call):

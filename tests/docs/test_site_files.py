@@ -124,6 +124,16 @@ def github_steps():
     return [(step["run"], "cancelled" in step.get("if", "")) for step in job["steps"] if "run" in step]
 
 
+def test_github_keeps_what_is_done_of_a_job_that_fails():
+    """actions/cache saves after success only."""
+    job = yaml.safe_load((DOCS / "ci" / "github.yml").read_text())["jobs"]["site"]
+    caches = {step["uses"]: step for step in job["steps"] if "actions/cache" in step.get("uses", "")}
+    assert [name.partition("@")[0] for name in caches] == ["actions/cache/restore", "actions/cache/save"]
+    restored, saved = caches.values()
+    assert saved["if"] == "${{ always() }}"
+    assert all(saved["with"][key] == restored["with"][key] for key in ("path", "key"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("worn", [False, True])
 def test_the_shell_parts_for_github_run(tmp_path, worn):

@@ -108,15 +108,14 @@ def _remarks(rows: Sequence[Row], copies: Mapping[str, str], found: Sequence[Tre
             "Take the copies out of the site."))
     longest = dict.fromkeys((row.machine for row in rows if row.recording and row.machine), 0)
     for trend in found:
-        machine = trend.series.machine
-        longest[machine] = max(longest[machine], len(trend.series.values))
+        longest[trend.series.machine] = max(longest[trend.series.machine], trend.units)
     few = {machine: count for machine, count in longest.items() if count < FEWEST}
     if few:
         remarks.append(Finding(
             "note", "few-recordings",
-            f"Fewer than {FEWEST} recordings of one kind with a value tell no trend: "
-            f"{_listed([f'{m} has {n}' for m, n in few.items()])}. Such a machine has means at most.", dict(few),
-            "Record it again on further days."))
+            f"Fewer than {FEWEST} recordings of one kind with a value, or days where one has several, tell no "
+            f"trend: {_listed([f'{m} has {n}' for m, n in few.items()])}. Such a machine has means at most.",
+            dict(few), "Record it again on further days."))
     remarks += _units(found)
     dateless = list(dict.fromkeys(t.series.machine for t in found if t.series.starts is None))
     if dateless:
@@ -152,7 +151,7 @@ def _units(found: Sequence[Trend]) -> list[Finding]:
 
 def _correlated(found: Sequence[Trend]) -> list[Finding]:
     """Series whose neighbours are alike."""
-    alike = sorted((t for t in found if t.correlation > CORRELATED / len(t.series.values) ** 0.5),
+    alike = sorted((t for t in found if t.correlation > CORRELATED / t.units ** 0.5),
                    key=lambda t: -t.correlation)
     if not alike:
         return []

@@ -29,43 +29,34 @@ class Outlier:
     chance: float
 
 
-@dataclass(frozen=True)
-class Described:
-    """A series without its outliers: the weights (m,) and the model of the m recordings that are left."""
-
-    outliers: tuple[Outlier, ...]
-    weights: np.ndarray
-    model: Model
-
-
-def described(values: np.ndarray, variances: np.ndarray, tests: int, bar: float) -> Described:
-    """Steps and drift of a series, and the recordings that these do not explain.
+def outliers_of(values: np.ndarray, variances: np.ndarray, tests: int, bar: float) -> tuple[Outlier, ...]:
+    """The recordings of a series that the steps and the drift of the others do not explain, by their places.
 
     values     (n,) in the order of the recordings; variances (n,) of each by its stated std
     tests      how many hypotheses are tested in all: TESTS_PER_SERIES per series
     bar        how many standard deviations of the others a recording must be off
-    returns    Described. The farthest recording is taken out first; then the steps and the drift of the others are
-               looked for anew, as long as a recording is both that far and significant. The second recording of a
-               step explains the first, so that neither is an outlier.
+    returns    one Outlier each. The farthest recording is taken out first; then the steps and the drift of the
+               others are looked for anew, as long as a recording is both that far and significant. The second
+               recording of a step explains the first, so that neither is an outlier.
     source     Cook and Weisberg 1982 (externally studentised residuals, Bonferroni over the recordings)
     """
     kept, found = np.arange(len(values)), list[Outlier]()
-    while True:
-        weights = weights_of(values[kept], variances[kept])
-        model = model_of(values[kept], weights, tests)
-        farthest = _farthest(values[kept], variances[kept], model, tests)
-        if len(kept) <= FEWEST or farthest.ratio < bar or farthest.chance > LEVEL:
-            return Described(tuple(sorted(found, key=lambda outlier: outlier.place)), weights, model)
+    while len(kept) > FEWEST:
+        farthest = _farthest(values[kept], variances[kept], tests)
+        if farthest.ratio < bar or farthest.chance > LEVEL:
+            break
         found.append(replace(farthest, place=int(kept[farthest.place])))
         kept = np.delete(kept, farthest.place)
+    return tuple(sorted(found, key=lambda outlier: outlier.place))
 
 
-def _farthest(values: np.ndarray, variances: np.ndarray, model: Model, tests: int) -> Outlier:
+def _farthest(values: np.ndarray, variances: np.ndarray, tests: int) -> Outlier:
     """The recording farthest from what the others say; how far that is where the stated std counts, and where not.
 
     The less of the two is taken: a std by few intervals of a record may be far too small by chance.
     """
     own = scatter_weights(values, variances)
+    model = model_of(values, weights_of(values, variances), tests)
     off = np.abs(values - columns(len(values), model.slope, model.cuts) @ model.fit.coefficients)
     place = int(np.argmax(off * np.sqrt(own)))
     return min((_apart(values, each, model, place, tests) for each in (variances, np.zeros_like(variances))),

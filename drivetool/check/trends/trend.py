@@ -8,11 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.check.trends.change_points import FEWEST, Model, columns
-from drivetool.check.trends.outliers import Outlier, described
+from drivetool.check.trends.change_points import FEWEST, Model, columns, model_of
+from drivetool.check.trends.day_means import Units, units_of
+from drivetool.check.trends.outliers import Outlier, outliers_of
 from drivetool.check.trends.random_effects import RandomEffects, random_effects
 from drivetool.check.trends.regression import Fit, fit
 from drivetool.check.trends.series import DAY, Series
+from drivetool.check.trends.weights import weights_of
 
 # A change of that many standard deviations of the runs before is worth a walk to the machine. Statistics show far
 # smaller ones with enough recordings, which no one would go to see.
@@ -36,7 +38,7 @@ class Drift:
 
     per_recording, per_day  its slopes; per_day None where the days are not known or fewer than three
     before, after  what the line says at the first and at the last recording
-    std      of the recordings about drift and steps; ratio: whole change over that
+    std      of the recordings, or of the means of days, about drift and steps; ratio: whole change over that
     chance   of such a slope without a drift, for all tests of the site
     told     whether the series drifts; alarm: whether it does so by at least the bar of an alarm
     """
@@ -84,6 +86,7 @@ class Trend:
     drift        None where `reason` says why
     changes      its steps in their order
     correlation  of neighbours in what steps and drift leave; the intervals have it in them
+    units        how many recordings, or days where one has several, these are told by
     reason       why neither drift nor steps are looked for
     """
 
@@ -94,6 +97,7 @@ class Trend:
     drift: Drift | None
     changes: tuple[Change, ...]
     correlation: float
+    units: int
     reason: str = ""
 
 
@@ -102,34 +106,37 @@ def trends(series: Iterable[Series], alarm: float = ALARM) -> tuple[Trend, ...]:
 
     series   all that are looked at: the error budget is for all of them together
     alarm    size of a change, in standard deviations of the runs before, from which on it is an alarm
-    returns  one Trend each, in their order. A series of fewer than FEWEST recordings, or of equal values, has a
-             mean only.
+    returns  one Trend each, in their order. A series of fewer than FEWEST recordings (days, where one of them has
+             several), or of equal values, has a mean only.
     """
-    series = tuple(series)
-    tests = TESTS_PER_SERIES * sum(not _silent(each) for each in series)
-    return tuple(_trend(each, tests, alarm) for each in series)
+    units = [units_of(each) for each in series]
+    tests = TESTS_PER_SERIES * sum(not _silent(each) for each in units)
+    return tuple(_trend(each, tests, alarm) for each in units)
 
 
-def _silent(series: Series) -> str:
+def _silent(units: Units) -> str:
     """Why no trend is looked for; empty if it is."""
-    if len(series.values) < FEWEST:
-        return f"fewer than {FEWEST} recordings"
-    return "all values are equal" if series.constant else ""
+    if len(units.firsts) < FEWEST:
+        return f"fewer than {FEWEST} {'days' if units.days else 'recordings'}"
+    return "all values are equal" if units.series.constant else ""
 
 
-def _trend(series: Series, tests: int, alarm: float) -> Trend:
+def _trend(units: Units, tests: int, alarm: float) -> Trend:
     """The trend of one series; tests: in all of the site."""
-    if reason := _silent(series):
-        return Trend(series, (), _mean(series), (), None, (), 0.0, reason)
-    found = described(series.values, series.variances, tests, alarm)
-    named = tuple((series.recordings[outlier.place], outlier) for outlier in found.outliers)
-    series, model = series.without([outlier.place for outlier in found.outliers]), found.model
-    if reason := _silent(series):
-        return Trend(series, named, _mean(series), (), None, (), 0.0, reason)
-    ends = [0, *model.cuts, len(series.values)]
+    if reason := _silent(units):
+        return Trend(units.series, (), _mean(units.series), (), None, (), 0.0, len(units.firsts), reason)
+    far = outliers_of(units.series.values, units.series.variances, tests, alarm)
+    named = tuple((units.series.recordings[outlier.place], outlier) for outlier in far)
+    units = units_of(units.series.without([outlier.place for outlier in far]))
+    series, means = units.series, units.means
+    if reason := _silent(units):
+        return Trend(series, named, _mean(series), (), None, (), 0.0, len(units.firsts), reason)
+    weights = weights_of(means.values, means.variances)
+    model = model_of(means.values, weights, tests)
+    ends = [0, *(units.firsts[cut] for cut in model.cuts), len(series.values)]
     parts = [_mean(series, a, b) for a, b in pairwise(ends)] if model.cuts else []
-    return Trend(series, named, _mean(series), tuple(parts), _drift(series, found.weights, model, tests, alarm),
-                 _changes(series, model, alarm), model.fit.correlation)
+    return Trend(series, named, _mean(series), tuple(parts), _drift(units, weights, model, tests, alarm),
+                 _changes(units, model, alarm), model.fit.correlation, len(units.firsts))
 
 
 def _mean(series: Series, a: int = 0, b: int | None = None) -> RandomEffects:
@@ -138,30 +145,31 @@ def _mean(series: Series, a: int = 0, b: int | None = None) -> RandomEffects:
     return random_effects(series.values[a:b], series.variances[a:b], days)
 
 
-def _changes(series: Series, model: Model, alarm: float) -> tuple[Change, ...]:
+def _changes(units: Units, model: Model, alarm: float) -> tuple[Change, ...]:
     """The steps of a model with their sizes."""
     found = []
-    design = columns(len(series.values), model.slope, model.cuts)
+    design = columns(len(units.firsts), model.slope, model.cuts)
+    places = [0, *(units.firsts[cut] for cut in model.cuts)]
     for i, (cut, chance) in enumerate(zip(model.cuts, model.chances, strict=True)):
         size = float(model.fit.coefficients[model.first_step + i])
         after = float(design[cut] @ model.fit.coefficients)
-        runs = series.values[([0, *model.cuts])[i]:cut]
+        runs = units.series.values[places[i]:places[i + 1]]
         std = float(np.std(runs, ddof=1))
         ratio = abs(size) / std if std > 0.0 else float("inf")
-        found.append(Change(cut, after - size, after, std, len(runs), ratio, chance, ratio >= alarm))
+        found.append(Change(places[i + 1], after - size, after, std, len(runs), ratio, chance, ratio >= alarm))
     return tuple(found)
 
 
-def _drift(series: Series, weights: np.ndarray, model: Model, tests: int, alarm: float) -> Drift:
+def _drift(units: Units, weights: np.ndarray, model: Model, tests: int, alarm: float) -> Drift:
     """The slope beside the steps of a model, whether or not the model has one."""
-    n = len(series.values)
+    n, means = len(units.firsts), units.means
     design = columns(n, True, model.cuts)
-    found = model.fit if model.slope else fit(series.values, weights, design)
-    slope = _slope(found, 1)
-    before = float(found.coefficients[0] + design[0, 1] * slope.value)
-    change = slope.value * (n - 1)
+    found = model.fit if model.slope else fit(means.values, weights, design)
+    slope = _slope(found, 1, (n - 1) / (len(units.series.values) - 1))
+    change = float(found.coefficients[1]) * (n - 1)
+    before = float(found.coefficients[0]) - 0.5 * change
     ratio = abs(change) / found.std_left if found.std_left > 0.0 else float("inf")
-    return Drift(slope, _per_day(series, weights, design), before, before + change, found.std_left, ratio,
+    return Drift(slope, _per_day(means, weights, design), before, before + change, found.std_left, ratio,
                  min(found.chance(1) * tests, 1.0), model.slope, model.slope and ratio >= alarm)
 
 
@@ -173,5 +181,7 @@ def _per_day(series: Series, weights: np.ndarray, design: np.ndarray) -> Slope |
     return _slope(fit(series.values, weights, np.column_stack([design[:, :1], time, design[:, 2:]])), 1)
 
 
-def _slope(found: Fit, j: int) -> Slope:
-    return Slope(float(found.coefficients[j]), float(found.std[j]), found.interval(j))
+def _slope(found: Fit, j: int, unit: float = 1.0) -> Slope:
+    """A coefficient times a unit."""
+    low, high = found.interval(j)
+    return Slope(unit * float(found.coefficients[j]), unit * float(found.std[j]), (unit * low, unit * high))

@@ -12,8 +12,8 @@ from typing import Any
 from drivetool.cli.batch.kept import keep, take_over
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, content_of
-from drivetool.cli.batch.setting import Numbered, Setting
-from drivetool.cli.batch.tasks import CHANGED, Line, Maker, Output, Task, reasons
+from drivetool.cli.batch.setting import UNREAD, Numbered, Setting
+from drivetool.cli.batch.tasks import Line, Maker, Output, Task, reasons
 from drivetool.files.site.manifest import Manifest
 from drivetool.progress import tell
 
@@ -82,7 +82,7 @@ class Agenda:
         """Keep what came of a task, also for those of equal content."""
         task, stage = self._given[number]
         text = answer.get("text")
-        ended = answer.get("ended") or (None if text is not None or self._is_as_found(task) else CHANGED)
+        ended = answer.get("ended") or (None if text is not None or self._is_as_found(task) else UNREAD)
         keep(task, {
             "code": answer.get("code"), "problem": None if text is not None else answer["said"], "ended": ended,
             "limit": self.setting.limits.get(ended or "", 0.0), "told": answer.get("told"),

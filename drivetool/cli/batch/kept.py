@@ -11,7 +11,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drivetool.cli.batch.tasks import CHANGED, Line, Task
+from drivetool.cli.batch.setting import UNREAD
+from drivetool.cli.batch.tasks import Line, Task
 from drivetool.files.site.manifest import Manifest
 from drivetool.files.site.told import told
 from drivetool.files.text import from_yaml, to_yaml
@@ -44,7 +45,7 @@ def take_over(task: Task, line: Line | None, out: Path, manifest: Manifest) -> b
     returns  whether that is possible: the file of the other one is there and unchanged, or a limit ended it;
              another problem may come of its name or place
     """
-    if line is None or (line["sha256"] is None and line["ended"] in (None, CHANGED)):
+    if line is None or (line["sha256"] is None and line["ended"] in (None, UNREAD)):
         return False
     same = {name: line[name] for name in ("code", "ended", "limit", "peak_memory_mb")} | {"seconds": 0.0}
     if line["sha256"] is None:

@@ -16,7 +16,7 @@ from typing import Any
 from drivetool.cli.folders import SUFFIXES
 from drivetool.errors import BadParameters
 from drivetool.files.channel_map_file import load_channel_map
-from drivetool.files.site.manifest import HEAD, NAME
+from drivetool.files.site.manifest import HEAD, NAME, PAGE, SUMMARY, TABLE, TRENDS
 from drivetool.files.site.shapes import MachineSection, RecordingsSection, SiteFile
 from drivetool.files.site.site_file import PLACE
 from drivetool.logs.parquet import natural
@@ -131,7 +131,7 @@ def is_recording(path: Path, folder: Path) -> bool:
 @cache
 def _is_passed_over(folder: Path) -> bool:
     """Whether a folder is what a batch has written, or a link back to a folder that it lies in."""
-    if folder.is_symlink() and os.path.realpath(folder.parent).startswith(os.path.realpath(folder)):
+    if folder.is_symlink() and folder.parent.resolve().is_relative_to(folder.resolve()):
         return True
     try:
         with open(folder / NAME, "rb") as stream:
@@ -155,7 +155,7 @@ def _folders(paths: Sequence[str]) -> dict[str, str]:
     """Where the results of each recording go: its path without suffix, unless two would share that."""
     bare = {path: "/".join(part for part in PurePosixPath(path).with_suffix("").parts if part != "..")
             for path in paths}
-    many = Counter(bare.values())
+    many = Counter([*bare.values(), NAME, SUMMARY, TABLE, PAGE, TRENDS])
     full = {path: bare[path] + (PurePosixPath(path).suffix if many[bare[path]] > 1 else "") for path in paths}
     for name, count in Counter(full.values()).items():
         if count > 1:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from drivetool.cli.batch.recipe import Step
 
 Numbered = Sequence[tuple[int, dict[str, Any]]]  # tasks, each with a number to know it by
+UNREAD = "unread"  # how a step ends whose recording is not there, or no longer what it was found to be
 More = Callable[[], Numbered]
 
 

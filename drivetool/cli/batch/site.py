@@ -19,14 +19,13 @@ from drivetool.cli.outcomes import DONE, MISSED, put
 from drivetool.files.site.bars import judge
 from drivetool.files.site.cases import Case, junit, markdown
 from drivetool.files.site.index_page import index_page
-from drivetool.files.site.manifest import open_manifest, read_manifest
+from drivetool.files.site.manifest import PAGE, SUMMARY, TABLE, TRENDS, open_manifest, read_manifest
 from drivetool.files.site.summary import rows, summary_csv, summary_parquet
 from drivetool.files.write import check_folder, encoded, write_whole
 
 if TYPE_CHECKING:
     from drivetool.files.site.shapes import SiteFile
 
-SUMMARY, TABLE, PAGE, TRENDS = "summary.parquet", "summary.csv", "index.html", "trends.yaml"
 MOST_SAID = 10  # missed bars that are said on standard error; all are in the files
 
 

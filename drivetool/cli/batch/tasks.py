@@ -12,10 +12,10 @@ from typing import Any
 
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, Recording, digest, safe
+from drivetool.cli.batch.setting import UNREAD
 from drivetool.files.site.shapes import NEXT, PREVIOUS
 
 Line = Mapping[str, Any]
-CHANGED = "changed"  # how a step ends whose recording is not, or no longer, what it was found to be
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ def again(line: Line, limits: Mapping[str, float], retry: bool) -> list[str]:
     """Why what gave nothing is to be done again with equal inputs; none if it is not."""
     if retry:
         return ["--retry"]
-    if line["ended"] == CHANGED:
-        return ["its recording was changed while it was read"]
+    if line["ended"] == UNREAD:
+        return ["its recording could not be read as it was found"]
     return [f"the limit of {line['ended']} is higher"] if line["limit"] < limits.get(line["ended"], 0.0) else []
 
 

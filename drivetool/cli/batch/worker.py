@@ -61,8 +61,11 @@ def done(task: dict[str, Any]) -> dict[str, Any]:
     try:
         os.chdir(task["folder"])
     except OSError as error:
-        return {"code": 1, "said": f"wanted the folder {task['folder']} where the step runs; found "
-                f"{error.strerror}. All machines of a cluster must see the recordings under the same path."}
+        from drivetool.cli.batch.setting import UNREAD
+
+        return {"code": 1, "ended": UNREAD,
+                "said": f"wanted the folder {task['folder']} where the step runs; found {error.strerror}. All "
+                        "machines of a cluster must see the recordings under the same path."}
     _forget_peak()
     began = time.perf_counter()
     answer = _step(task["words"]) if "words" in task else _look(task["look"], task["map"])

@@ -16,6 +16,8 @@ from drivetool.errors import BadOption, CannotWrite
 from drivetool.files.write import make_folder
 
 NAME = "manifest.jsonl"
+# What else a folder of results has for the whole site.
+SUMMARY, TABLE, PAGE, TRENDS = "summary.parquet", "summary.csv", "index.html", "trends.yaml"
 HEAD = b'{"schema":"drivetool/manifest/1"}\n'  # the first line says what the file is
 # What a line has besides "output" or "look".
 STEP = {"key", "content", "inputs", "sha256", "code", "problem", "ended", "limit", "told", "seconds",

@@ -6,7 +6,8 @@ import pytest
 from drivetool.check.trends.change_points import LEVEL, model_of
 from drivetool.check.trends.findings import trends_of
 from drivetool.check.trends.weights import weights_of
-from tests.check.trends.sites import EVERY, SD, autoregressive, normal, site, step, student, told
+from drivetool.logs.summary import Row
+from tests.check.trends.sites import BEGAN, EVERY, SD, autoregressive, normal, site, step, student, told
 
 SEEDS = range(20)  # fixed before the first look
 DRIFT = 0.4  # standard deviations a recording
@@ -64,6 +65,29 @@ def alarms_of(noise):
 @pytest.mark.slow
 def test_machines_that_do_not_change_raise_at_most_one_alarm_in_twenty_sites():
     assert sum(alarms_of(normal)) <= 1
+
+
+def several_a_day(seed, ndays, per_day, changed=0.0):
+    """The trends of a site of three machines that differ from day to day as much as from recording to recording."""
+    rng, rows = np.random.default_rng(seed), []
+    for machine in "abc":
+        by_day = rng.normal(size=ndays) + changed * (np.arange(ndays) >= ndays // 2)
+        for i in range(ndays * per_day):
+            day, k = divmod(i, per_day)
+            rows.append(Row(f"{i:03d}", machine, BEGAN + 86400.0 * day + 60.0 * k, i, "steady", "motor.viscous",
+                            10.0 + by_day[day] + rng.normal(), "Nm s/rad", 0.5, "fitted"))
+    return trends_of(rows)
+
+
+def test_days_that_differ_are_no_change_however_many_recordings_a_day_has():
+    """Of 40 sites at most 3 have a finding, by 99 % of a true share of 1 %; days count, so a step has theirs."""
+    assert sum(bool(told(several_a_day(seed, 8, 5)[0])) for seed in range(40)) <= 3
+    findings, trends = several_a_day(0, 4, 10)
+    assert [f.code for f in findings] == ["few-recordings"] and trends[0].reason == "fewer than 7 days"
+    for trend in several_a_day(1, 20, 4, 10.0)[1]:
+        change, = trend.changes
+        assert change.place == 40 and change.runs == 40 and trend.units == 20
+        assert change.after - change.before == pytest.approx(10.0, abs=2.0)
 
 
 @pytest.mark.slow
