@@ -20,7 +20,7 @@ test: $(VENV)/ready
 test-slow: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2 -m 'slow and not (long or study)'
 
-# Before a change of the search or the fit is taken over: records that had once gone wrong in a diagnosis.
+# Before a change of the search or the fit is taken over: further records, and such as had once gone wrong.
 test-long: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2 -m long
 

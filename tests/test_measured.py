@@ -156,7 +156,7 @@ def test_a_damper_without_friction_and_gap_is_told_what_it_lacks_by_another_reco
     assert found.gain.on_a_fresh_record[0] > 0.0
 
 
-@pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("end", [4.0, pytest.param(20.0, marks=pytest.mark.long)])
 def test_motor_bench_in_the_frequency_domain_agrees_with_the_time_domain(end):
     """Twenty periods of a multisine; both fits over the same seconds.
 

@@ -43,7 +43,7 @@ def test_an_effect_of_the_smallest_visible_size_is_as_visible_as_it_says(tmp_pat
         assert 3.0 < shown(code, stated(answer)) < 12.0, code
 
 
-@pytest.mark.parametrize("code", ["coulomb-load", pytest.param("backlash", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("code", ["coulomb-load", pytest.param("backlash", marks=pytest.mark.long)])
 def test_nor_is_it_hidden_behind_what_is_found(tmp_path, code):
     """A hundred times as large, an effect that the base lacks passes there for noise of the torque."""
     case = make_case(code, MACHINE, seed=MACHINE)

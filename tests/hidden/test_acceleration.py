@@ -67,8 +67,9 @@ def said_of(folder, what, order, share, hertz=0.0, seed=1):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("make", "order"), [(lambda: rig(943), 6.0), (lambda: rig(951), 12.0), (bus, 6.0)],
-                         ids=["rig", "another rig", "bus"])
+@pytest.mark.parametrize(("make", "order"), [
+    (lambda: rig(943), 6.0), pytest.param(lambda: rig(951), 12.0, marks=pytest.mark.long),
+    pytest.param(bus, 6.0, marks=pytest.mark.long)], ids=["rig", "another rig", "bus"])
 def test_cogging_is_named_with_its_order_where_its_frequency_sweeps(tmp_path, make, order):
     answer, amplitude = said_of(tmp_path, make(), order, 0.03)
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk
@@ -81,7 +82,8 @@ def test_cogging_is_named_with_its_order_where_its_frequency_sweeps(tmp_path, ma
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("make", "hertz", "share"), [
-    (lambda: rig(943), 0.0, 0.0), (lambda: rig(943), 25.0, 0.03), (bus, 0.0, 0.0), (bus, 40.0, 0.03)],
+    (lambda: rig(943), 0.0, 0.0), pytest.param(lambda: rig(943), 25.0, 0.03, marks=pytest.mark.long),
+    pytest.param(bus, 0.0, 0.0, marks=pytest.mark.long), (bus, 40.0, 0.03)],
     ids=["rig", "rig with a hum", "bus", "bus with a hum"])
 def test_neither_noise_nor_a_hum_is_called_an_order(tmp_path, make, hertz, share):
     answer, _ = said_of(tmp_path, make(), 6.0, share, hertz)

@@ -33,14 +33,14 @@ def answer_to(folder: Path, effects: str | tuple, rivals: str, machine: int = MA
 @pytest.mark.slow
 @pytest.mark.parametrize(("effect", "rivals", "machine", "options", "open_between"), [
     ("imbalance", "imbalance,torque-ripple,coulomb-load", 71, {}, {"imbalance", "torque-ripple"}),
-    ("backlash", "backlash,hardening-stiffness,coulomb-load", 72, {"size": 0.004},
-     {"backlash", "hardening-stiffness"}),
+    pytest.param("backlash", "backlash,hardening-stiffness,coulomb-load", 72, {"size": 0.004},
+                 {"backlash", "hardening-stiffness"}, marks=pytest.mark.long),
     # From stop to stop, with a handful of reversals.
     ("coulomb-motor", "coulomb-motor,coulomb-load,backlash", 71, {"record": "moves"},
      {"coulomb-motor", "coulomb-load"}),
     pytest.param("friction-drift", "friction-drift,load-step,quadratic-drag", 72, {"record": "one-directional"},
-                 {"friction-drift", "load-step"}, marks=pytest.mark.xfail(
-                     reason="the drift is named alone"))])
+                 {"friction-drift", "load-step"}, marks=[
+                     pytest.mark.long, pytest.mark.xfail(reason="the drift is named alone")])])
 def test_what_looks_alike_is_left_open(tmp_path, effect, rivals, machine, options, open_between):
     answer = answer_to(tmp_path, effect, rivals, machine, **options)
     assert (answer.verdict, set(answer.between)) == ("undetermined", open_between), answer.talk

@@ -25,14 +25,16 @@ NAMED = [(*KINDS[0], SHORT),
          *[pytest.param(*case, {}, marks=pytest.mark.slow) for case in LONG],
          *[pytest.param(*case, SHORT, marks=pytest.mark.slow) for case in (*KINDS[1:], *BRIEF)]]
 # Among fewer rivals.
-SOON = [("dead-time", 37), ("coulomb-motor", 31), ("stribeck-load", 33), ("load-dependent-damping", 34),
-        ("imbalance", 36), ("wrong-scale", 39), ("wrong-scale-shaft", 42)]
+SOON = [("dead-time", 37), ("stribeck-load", 33), ("wrong-scale-shaft", 42),
+        *[pytest.param(*case, marks=pytest.mark.long) for case in (
+            ("coulomb-motor", 31), ("load-dependent-damping", 34), ("imbalance", 36), ("wrong-scale", 39))]]
 # Two at once, and other kinds of record.
 MORE = [pytest.param(("backlash", "coulomb-load"), 42, SHORT, marks=pytest.mark.slow),
         # Dry friction at the motor had stood for both, and beside it neither found to its own values.
         pytest.param(("backlash", "coulomb-load"), 107000, {"seed": 107000}, marks=pytest.mark.long),
         ("backlash", 44, {"record": "closed-loop"} | SHORT),
-        (("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT),
+        pytest.param(("third-mass", "torque-ripple"), 44, {"size": {"third-mass": 0.5}} | SHORT,
+                     marks=pytest.mark.long),
         ("quadratic-drag", 45, {"record": "one-directional"} | SHORT),
         # A slow drive: what the start state is, a tenth of a second does not tell.
         pytest.param("stribeck-motor", 50027, {"bodies": 2, "seed": 50027}, marks=pytest.mark.long),

@@ -30,7 +30,7 @@ def answer_to(folder, machine_seed, kind, *ripples):
 
 @pytest.mark.parametrize(("machine", "kind", "orders"), [
     pytest.param(943, "reversing", (6.0, 12.0), marks=pytest.mark.slow),  # those of a real axis: test_measured.py
-    pytest.param(947, "closed-loop", (4.0, 9.5), marks=pytest.mark.slow)])
+    pytest.param(947, "closed-loop", (4.0, 9.5), marks=pytest.mark.long)])
 def test_both_orders_of_a_ripple_are_found_with_their_sizes(tmp_path, machine, kind, orders):
     case, answer = answer_to(tmp_path, machine, kind, (0.02, orders[0], 0.7), (0.012, orders[1], -0.4))
     assert (answer.verdict, answer.causes) == ("named", ("torque-ripple",)), answer.talk

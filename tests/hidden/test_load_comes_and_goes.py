@@ -28,7 +28,7 @@ def steps(size, *steps):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("machine", "kind", "changes"), [
-    pytest.param(951, "closed-loop", ((2.2, 0.06), (4.1, -0.06)), marks=pytest.mark.slow),  # a strip goes through
+    pytest.param(951, "closed-loop", ((2.2, 0.06), (4.1, -0.06)), marks=pytest.mark.long),  # a strip goes through
     (955, "reversing", ((1.7, 0.05), (4.3, 0.04)))])  # beside the first of them the second hardly shows
 def test_a_load_that_changes_more_than_once_is_found_with_every_instant(tmp_path, machine, kind, changes):
     case = make_case("none", machine, record=kind, seed=2, duration=6.0)
