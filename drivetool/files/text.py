@@ -82,6 +82,11 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no place in a file; give numbers, text, lists or mappings")
 
 
+def several(n: int, noun: str) -> str:
+    """'no recordings', '1 recording', '2 recordings'."""
+    return f"{n or 'no'} {noun}{'' if n == 1 or noun.endswith('s') else 's'}"
+
+
 def to_yaml(document: Mapping[str, Any]) -> str:
     """Block YAML in the order given; what cannot be seen, and bytes of a file name that are no text, escaped."""
     return yaml.dump(plain(document), Dumper=_Dumper, sort_keys=False, default_flow_style=False,
@@ -117,8 +122,7 @@ def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:
                             "Correct the line; indent with spaces, not tabs.") from None
     if value is None:
         raise BadParameters(
-            wanted, f"{name} empty",
-            "Give a parameter file; the step before this one may have failed.")
+            wanted, f"{name} empty", "Check that the right file was given; what writes it may have failed.")
     if not isinstance(value, dict):
         raise BadParameters(wanted, f"a {_kind(value)} in {name}",
                             "Check that the right file was given.")

@@ -21,7 +21,7 @@ from drivetool.errors import Finding
 from drivetool.files import trend_shapes as shapes
 from drivetool.files.result_file import Inputs, file_sections, finding_sections, tool_section
 from drivetool.files.tables import rounded, short
-from drivetool.files.text import plain
+from drivetool.files.text import plain, several
 from drivetool.logs.experiment import shown
 
 
@@ -50,13 +50,9 @@ def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Ma
 def outcome(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
     """How many alarms there are, in how many series, in one sentence."""
     machines = len({each.series.machine for each in found})
-    counts = [_count(sum(f.code == code for f in findings), noun) for code, noun in (
+    counts = [several(sum(f.code == code for f in findings), noun) for code, noun in (
         ("trend-alarm", "alarm"), ("small-change", "smaller change"), ("outlying-recording", "outlying recording"))]
-    return f"{_count(len(found), 'series')} of {_count(machines, 'machine')}: {', '.join(counts)}"
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n or 'no'} {noun}{'' if n == 1 or noun.endswith('s') else 's'}"
+    return f"{several(len(found), 'series')} of {several(machines, 'machine')}: {', '.join(counts)}"
 
 
 def summary_input(path: str) -> tuple[str, str]:

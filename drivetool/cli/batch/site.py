@@ -21,6 +21,7 @@ from drivetool.files.site.cases import Case, junit, markdown
 from drivetool.files.site.index_page import index_page
 from drivetool.files.site.manifest import PAGE, SUMMARY, TABLE, TRENDS, open_manifest, read_manifest
 from drivetool.files.site.summary import rows, summary_csv, summary_parquet
+from drivetool.files.text import several
 from drivetool.files.write import check_folder, encoded, write_whole
 
 if TYPE_CHECKING:
@@ -57,8 +58,8 @@ def run(asked: Asked) -> int:
         _write_verdicts(asked, cases)
         _write(out, _told(outcome, cases, out, say))
     problems = sum(entry.problem is not None for entry in outcome.entries)
-    say(f"{len(found)} recordings; {len(outcome.entries)} results, {outcome.begun} of them run now, {problems} "
-        f"with a problem; wrote {os.path.relpath(out)}")
+    say(f"{several(len(found), 'recording')}; {several(len(outcome.entries), 'result')}, {outcome.begun} of them "
+        f"run now, {problems} with a problem; wrote {os.path.relpath(out)}")
     return _verdict(asked, cases)
 
 
@@ -119,7 +120,8 @@ def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> int:
                       if not _is(out / path, content)]
     for line in wrong:
         put(f"{line}\n")
-    speaker(asked)(f"{len(wrong)} results do not hold" if wrong else f"all {len(outcome.entries)} results hold")
+    speaker(asked)(f"{several(len(wrong), 'result')} to be done or written anew" if wrong
+                   else f"all {len(outcome.entries)} results hold")
     if wrong:
         return MISSED
     _write_verdicts(asked, cases)
