@@ -294,7 +294,8 @@ def test_steps_chain_through_a_pipe(folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+@pytest.mark.parametrize("encoding", ["ascii", *(
+    pytest.param(encoding, marks=pytest.mark.long) for encoding in ("latin-1", "utf-8"))])
 def test_names_are_written_as_they_are_whatever_the_encoding_of_standard_output(folder, encoding):
     name = "Größe 試験.parquet"
     (folder / "steps.parquet").rename(folder / name)

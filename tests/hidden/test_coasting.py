@@ -65,7 +65,7 @@ def label(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.long), 2])
 def test_breakaway_friction_is_named_and_its_gain_is_that_of_another_run(tmp_path, label, seed):
     folder = tmp_path / "records"
     folder.mkdir()

@@ -55,7 +55,7 @@ def hits(machine, count: int, seed: int, torque_noise: float, speed_noise: float
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("torque_noise", [0.0, 0.004])
+@pytest.mark.parametrize("torque_noise", [pytest.param(0.0, marks=pytest.mark.long), 0.004])
 def test_intervals_of_the_linear_model_hold(torque_noise):
     count = 100
     machine = shared_as_the_rule_says(machine_by_seed(5))

@@ -47,7 +47,7 @@ def pushes(machine: Machine, back: float) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [4, pytest.param(9, marks=pytest.mark.long)])
 def test_it_is_fitted_where_the_drive_hardly_turns_back(seed):
     machine = dry(seed)
     one, run = record(machine, pushes(machine, 0.08), at_rest(machine), seed)

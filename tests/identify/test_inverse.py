@@ -115,7 +115,7 @@ def test_the_covariance_holds_under_correlated_errors(pole):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("reference", ["reference_angle", "reference_speed"])
+@pytest.mark.parametrize("reference", ["reference_angle", pytest.param("reference_speed", marks=pytest.mark.long)])
 def test_instruments_have_no_bias_where_least_squares_has(reference):
     machine, errors = MACHINES[2], {True: [], False: []}
     for seed in range(60):

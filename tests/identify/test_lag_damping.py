@@ -13,7 +13,8 @@ DEFAULT = 0.69
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "damping"), [(71001, 1.0), (71002, DEFAULT)])
+@pytest.mark.parametrize(("seed", "damping"), [
+    pytest.param(71001, 1.0, marks=pytest.mark.long), (71002, DEFAULT)])
 def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_path, seed, damping):
     """Else a third mass or a filter would make up for it; of first order it is no lag of second order either."""
     case = make_case("none", seed, sensors=("motor_speed", "load_speed"), noise="quiet")
@@ -32,7 +33,7 @@ def test_damping_is_told_where_it_is_another_and_left_alone_where_it_is_not(tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [181014, 71003])
+@pytest.mark.parametrize("seed", [pytest.param(181014, marks=pytest.mark.long), 71003])
 def test_a_filter_of_first_order_is_not_called_an_overdamped_one_of_second(tmp_path, seed):
     """Which is likelier by a hair on any record, and has two values that none tells."""
     case = make_case("speed-filter", seed, seed=seed, bodies=2, duration=8.0)

@@ -89,7 +89,7 @@ def test_other_explanations_agree_at_every_rate(parts):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("torque_noise", [0.004, 0.02])
+@pytest.mark.parametrize("torque_noise", [pytest.param(0.004, marks=pytest.mark.long), 0.02])
 def test_stated_stds_are_those_of_the_scatter(torque_noise):
     seeds, drive = range(30), one_body().with_values(START)
     found = [told(greybox([build_experiment(recorded(SMOOTH, ((2.0, 1), (6.0, 4)), 50 + s, torque_noise))], drive,

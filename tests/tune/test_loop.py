@@ -190,7 +190,8 @@ def lowering(drive, kind, limits=(2.4, 2.0, 1.7, 1.4), wiring=None):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dead_time", ["exact", "zero"])
-@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), ("heavy", "ISE"), ("light", "ITSE"), ("medium", "IE")])
+@pytest.mark.parametrize("name, kind", [("heavy", "IT8SE"), ("light", "ITSE"), *(
+    pytest.param(*case, marks=pytest.mark.long) for case in (("heavy", "ISE"), ("medium", "IE")))])
 def test_a_limit_that_is_as_good_as_none_never_raises_the_criterion(name, kind, dead_time):
     lowering(two_mass_plant(name), kind, (np.inf, 1000.0, 100.0, 10.0, 2.0), Wiring(dead_time=dead_time))
 
