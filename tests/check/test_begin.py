@@ -75,6 +75,7 @@ def test_a_law_that_is_not_there_promises_less_than_is_worth_a_fit(code):
     assert promised(base_of("none"), code) < (1.5 if code == "backlash" else 0.5) * FLOOR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.02, 0.03])
 def test_nor_does_it_on_a_stand_that_is_away_from_its_optimum(off):
     """What a step of the stand's own parameters gains is no gain of a cause."""

@@ -95,6 +95,7 @@ def test_decimals_far_below_the_noise_excuse_nothing_under_noise_that_is_weak_wh
     assert remainder(wrong) == _left(wrong, wrong.problem) and remainder(wrong).total > 25.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 7])
 def test_a_form_of_noise_that_rounding_likes_is_no_gain_of_the_cause_that_has_it(seed):
     """The same law twice, under white torque noise and under one with a memory, where steps are all the noise."""

@@ -343,6 +343,7 @@ def test_breakaway_friction_that_fades_by_another_power_is_one_cause(power):
     assert power == 2.0 or values["motor.stribeck_power"] == pytest.approx(power, abs=0.15)
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing():
     path, _ = one_body_search(BODY, FRICTION).path()
     assert [e.round.cause for e in path] == [None]

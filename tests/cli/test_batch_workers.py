@@ -87,6 +87,7 @@ def test_in_a_site_a_recording_that_kills_its_worker_and_one_that_never_ends_are
     assert code == 0 and "2 of them run now, 0 with a problem" in err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the memory of a process is told by Linux")
 def test_too_much_memory(here, call):
     sites.small(here, count=1)

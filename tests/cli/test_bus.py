@@ -21,6 +21,7 @@ def clamped(log):
     return ("--record", log, "clamped=wheels")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_acceleration_in_both_formats(call, tmp_path, suffix):
     code, _, err = call("steady", ROOM / f"acceleration.{suffix}", *METHOD, *GIVEN, "--set", "motor.inertia=4.5",

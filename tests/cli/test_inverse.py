@@ -73,6 +73,7 @@ def test_friction_by_direction_asks_for_a_reversal(call, site):
     assert "trades against motor.idle_torque" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words, said", [
     (["greybox", "a.parquet", "--drive", "one-body", "--set", "motor.inertia=1", "--criterion", "inverse",
       "--set", "converter.dead_time=0.01"], "converter.dead_time"),

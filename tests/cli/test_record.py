@@ -172,6 +172,7 @@ def test_two_recordings_of_one_content_cannot_differ(call, site):
     assert code == 2 and "with one content" in err
 
 
+@pytest.mark.slow
 def test_recordings_of_one_name_are_told_apart(call, site):
     other = site / "other"
     other.mkdir()

@@ -200,6 +200,7 @@ def test_every_role_is_used_or_said_not_to_be(place, call, monkeypatch, step, ki
         assert "table_speed (the drive has no body table)" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["parquet", "mcap"])
 def test_a_look_shows_every_role(place, call, kind):
     every_role(place / f"all.{kind}", kind, 0.002, 30)

@@ -28,6 +28,7 @@ def record(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_summary_curves_and_pictures(record, call):
     words = ("spectra", "multi.parquet", "--out", "s.yaml", "--plot", "pictures")
     code, _, talk = call(*words)

@@ -61,6 +61,7 @@ def test_json_has_the_same_content_and_show_its_table(call, summary):
     assert next(r for r in rows if r[:3] == ["press", "1", "shaft.half_gap"])[-1] == "-"
 
 
+@pytest.mark.slow
 def test_a_picture_per_machine(call, summary, tmp_path):
     assert call("trend", summary, "--plot", "one", "--out", "t.yaml")[0] == 0
     assert sorted(p.name for p in (tmp_path / "one").iterdir()) == [f"trend-press {i}-trend.png" for i in (1, 2, 3)]

@@ -63,6 +63,7 @@ def test_a_steady_torque_is_that_of_the_equivalent_circuit(slip, pairs):
     assert steady_torque(drive, PEAK, speed) == pytest.approx(circuit_torque(machine, slip), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("machine", [Machine(), Machine(voltage=180.0, frequency=40.0), Machine(pairs=2)],
                          ids=["50 Hz", "40 Hz", "two pole pairs"])
 def test_a_run_up_is_that_of_a_general_solver(machine):

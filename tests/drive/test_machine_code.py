@@ -57,6 +57,7 @@ def test_every_unit_is_a_part():
     assert sorted(units) == PARTS
 
 
+@pytest.mark.slow
 def test_the_machine_code_of_a_part_is_always_the_same(monkeypatch, tmp_path, kept):
     """Whatever stands in the current folder, or is set for Numba: neither reaches the compiler."""
     here = tmp_path / "here"

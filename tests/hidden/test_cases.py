@@ -282,6 +282,7 @@ def test_grades(truth, answer, expected, removed):
     assert grade(truth, answer) == expected and grade(truth, answer, True) == removed
 
 
+@pytest.mark.slow
 def test_an_answer_is_read_from_the_file_and_a_failure_is_an_answer(tmp_path):
     (tmp_path / "x.yaml").write_text(yaml.safe_dump({
         "schema": "drivetool/parameters/1", "parameters": {"shaft.half_gap": {"value": 1.0, "ci95": [0.9, 1.1]}},

@@ -78,6 +78,7 @@ def test_the_covariance_has_the_unit_of_the_mass():
         assert stds[name] == pytest.approx(line.std, rel=1e-6), name
 
 
+@pytest.mark.slow
 def test_what_the_file_says_of_the_motor_enters_the_mass():
     """0.05 kg m^2 at the motor are 0.05 (8.79 / 0.45)^2 = 19.1 kg."""
     plain = told(steady([ROLLING], KNOWN, METHOD))["wheels.carried_mass"]
@@ -96,6 +97,7 @@ def test_without_the_motors_inertia_there_is_no_mass():
     assert "wheels.carried_mass" not in found.covariance.names
 
 
+@pytest.mark.slow
 def test_a_rig_without_a_radius_has_an_inertia():
     drive = two_mass().with_values({"motor.inertia": 4.5, "shaft.ratio": 8.79})
     close(told(steady([ROLLING], drive, METHOD))["load.inertia"], 22.1 + MASS * RADIUS**2)
@@ -146,6 +148,7 @@ def test_one_line_is_not_doubted(seed):
     assert off_the_line(spans_of([record(up_and_down(450.0, 0.0), seed)])) > UNLIKELY
 
 
+@pytest.mark.slow
 def test_the_probability_of_one_line_is_one():
     """Of records that follow a line it is spread evenly: a Kolmogorov-Smirnov test, and the share below 5 %."""
     torque = up_and_down(450.0, 0.0, 3.0)
@@ -189,6 +192,7 @@ def test_a_mass_that_is_held_stays_and_is_subtracted_from_nothing():
     close(lines["total.idle_torque"], BUS["wheels.idle_torque"] / 8.79)
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_few_recordings_is_as_wide_as_that_of_the_inertia():
     """Two masses: the factor of Student's t for one degree of freedom, and not 1.96."""
     heavy = replace(MACHINE, inertia=(4.5, 22.1 + 13_000.0 * RADIUS**2))
@@ -198,6 +202,7 @@ def test_the_interval_of_a_few_recordings_is_as_wide_as_that_of_the_inertia():
     assert line.ci95[1] - line.value > 4.0 * line.std
 
 
+@pytest.mark.slow
 def test_two_runs_of_a_level_road_have_no_slope():
     runs = [record(up_and_down(450.0, 0.0), seed, name=f"run{seed}") for seed in (5, 6)]
     found = steady(runs, KNOWN, METHOD)
@@ -205,6 +210,7 @@ def test_two_runs_of_a_level_road_have_no_slope():
     close(told(found)["wheels.carried_mass"], MASS)
 
 
+@pytest.mark.slow
 def test_there_and_back_tells_friction_from_slope():
     """Through standstill: dry friction changes its sign with the motion, the slope does not."""
     slope = MASS * GRAVITY * 0.004 * RADIUS
@@ -294,6 +300,7 @@ def test_what_is_held_stays():
     close(lines["total.idle_torque"], BUS["wheels.idle_torque"] / 8.79)
 
 
+@pytest.mark.slow
 def test_an_angle_will_do():
     angle = np.cumsum(ROLLING.signals["motor_speed"]) * ROLLING.step
     counts = np.round(angle * 1000.0) / 1000.0

@@ -182,6 +182,7 @@ def test_rig_after_steady(rig, rig_truth):
     assert "motor.inertia" in dump_estimate(estimate)
 
 
+@pytest.mark.slow
 def test_rig_alone_tells_friction_and_idle_torque_too(rig, rig_truth):
     estimate = blackbox([rig], two_mass(), Options())
     for name in (*SHAFT, "total.viscous", "total.idle_torque"):

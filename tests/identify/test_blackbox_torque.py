@@ -16,6 +16,7 @@ def lines_of(estimate):
     return {p.name: p for p in estimate.parameters}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("machine", "seed"), [(TABLE, 480_101), (HEAVY, 480_102)])
 def test_two_seconds_tell_inertias_stiffness_and_damping(machine, seed):
     true = truth_of(machine)
@@ -35,6 +36,7 @@ def test_the_idle_torque_is_of_the_record_and_known_viscous_friction_stays():
     assert lines["motor.viscous"].status == "held" and lines["motor.viscous"].value == 0.107
 
 
+@pytest.mark.slow
 def test_a_half_gap_of_the_file_is_kept_and_takes_no_part():
     drive = two_mass().with_values({"shaft.half_gap": 0.1})
     found = blackbox([opened(steps_record(TABLE, 480_104, duration=2.0), "steps")], drive, Options())
@@ -44,6 +46,7 @@ def test_a_half_gap_of_the_file_is_kept_and_takes_no_part():
     assert "shaft.half_gap" not in lines_of(without)
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_the_shaft_the_answer_is_still_that():
     """A torque that creeps shows no resonance, in the shaft torque either."""
     slow = TABLE.idle_torque[0] + TABLE.viscous[0] * 110.0 + 3.0 * np.sin(0.5 * np.arange(0.0, 2.0, STEP))

@@ -113,6 +113,7 @@ def test_what_differs_is_found_and_what_is_shared_is_not_bent(criterion):
     assert abs(bent["motor.coulomb"].value - 0.3) > 0.01
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_added_is_weighed():
     """The payload of the second recording, with the inertia of the first."""
     records = [record("a", 1), record("b", 2, inertia=0.026)]
@@ -138,6 +139,7 @@ def test_a_value_that_every_recording_has_for_itself_is_no_unknown_of_all():
     assert found["motor.coulomb@b"].value == pytest.approx(0.42, abs=4.0 * found["motor.coulomb@b"].std)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["auto", "inverse"])
 def test_a_recording_that_tells_nothing_of_what_is_freed_in_it(criterion):
     """One way at one speed: dry friction and idle torque are one there."""
@@ -181,6 +183,7 @@ def test_a_trace_takes_the_state_of_its_recording():
     assert [s[0] for s in starts] == [0.0, 2.0] and isinstance(Point(np.zeros(1), starts), Point)
 
 
+@pytest.mark.slow
 def test_an_axis_with_instruments_and_another_load():
     """The inverse fit with the reference, a known inertia on the second recording."""
     heavy = replace(AXIS, values=(1.5 * AXIS.values[0], *AXIS.values[1:]))

@@ -248,6 +248,7 @@ def test_run_downs_of_a_drive_that_warms_up_differ_and_the_interval_is_of_their_
     assert "run-downs-differ" not in codes(alike)
 
 
+@pytest.mark.slow
 def test_no_interval_of_a_run_down_is_steady_before_it_stands():
     """Driven at a constant speed, then off: by counts, by four times as many, by speed, by a noisy speed."""
     rng, k = np.random.default_rng(4), 8000

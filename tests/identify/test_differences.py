@@ -139,6 +139,7 @@ def test_a_figure_that_one_recording_tells_is_not_compared():
     assert {d.name for d in found} == {"p1"}
 
 
+@pytest.mark.slow
 def test_what_differs_is_said_of_machines():
     worn = replace(SERVO, coulomb=(0.016,))
     days = [servo(s, name=f"a{s}") for s in (1, 11, 21)] + [servo(s, worn, f"b{s}") for s in (31, 41, 51)]
@@ -151,6 +152,7 @@ def test_what_differs_is_said_of_machines():
     assert "machines-differ" in said and "records-differ" not in said
 
 
+@pytest.mark.slow
 def test_friction_that_another_record_shows_is_free_in_all():
     """A record that hardly turns back: without dry friction its inertia would be twice as large, and sure of it."""
     found = compared(*(record("x", seed, 3.0, coulomb=0.42) for seed in (45, 55, 65)))

@@ -49,6 +49,7 @@ def test_held_values_of_large_uncertainty_make_the_intervals(outcome, relative, 
     assert bool(found) == said and all("--free shaft.stiffness" in f.action for f in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("bodies", "said"), [(2, False), (1, True)])
 def test_a_drive_that_simulates_better_than_it_predicts_lacks_something(bodies, said):
     """A rigid body predicts one step of the elastic drive well, with a wrong inertia."""

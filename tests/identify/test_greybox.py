@@ -36,6 +36,7 @@ def start(off=0.1):
         {n: values[n] for n in ("total.viscous", "total.idle_torque")})
 
 
+@pytest.mark.slow
 def test_two_recordings_are_fitted_together_and_tell_more_than_one():
     one = linear_record(MACHINE, 51, 4.0)
     two = linear_record(MACHINE, 52, 4.0)
@@ -58,6 +59,7 @@ def test_held_parameter_keeps_its_value_and_the_others_move():
     assert lines["motor.inertia"].value != drive.values["motor.inertia"]
 
 
+@pytest.mark.slow
 def test_both_criteria_are_reported_and_agree_where_the_model_is_right():
     fit = greybox([linear_record(MACHINE, 51)], start(), Options(criterion="innovations")).fit
     ours = fit["held_out_simulation_fit_percent_by_innovations"]
@@ -87,6 +89,7 @@ def disturbed_record(noise, sensor=0.002):
     return experiment(torque, speed)
 
 
+@pytest.mark.slow
 def test_coloured_torque_noise_is_noticed_and_modelled():
     memory = np.exp(-STEP / 0.03)
     noise = lfilter([1.0], [1.0, -memory], white_noise(6000, 0.03 * np.sqrt(1.0 - memory**2), 5))
@@ -97,6 +100,7 @@ def test_coloured_torque_noise_is_noticed_and_modelled():
     assert square < limit
 
 
+@pytest.mark.slow
 def test_torque_noise_that_is_weak_where_it_is_slow_is_noticed_and_modelled():
     """As what an inexact mode leaves over is. Taken for white, slow friction would seem to be told far worse."""
     memory, slow = np.exp(-STEP / 0.005), 0.1
@@ -126,6 +130,7 @@ def test_normal_equations_of_forgetful_coloured_noise_are_those_of_white():
     np.testing.assert_allclose(almost.cross[0], white.cross[0], rtol=1e-5, atol=1e-9 * np.abs(white.cross[0]).max())
 
 
+@pytest.mark.slow
 def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
     drive = start().with_values({"motor.viscous": 0.02, "load.viscous": 0.02})
     estimate = greybox([linear_record(MACHINE, 51)], drive,
@@ -136,6 +141,7 @@ def test_motor_and_load_friction_are_not_told_apart_by_motor_speed_alone():
     assert any("shaft torque" in f.action for f in estimate.findings if f.code == "not-identifiable")
 
 
+@pytest.mark.slow
 def test_speeds_of_both_ends_do_not_tell_the_idle_torques_apart():
     """A constant torque moved from one end to the other only moves the twist, which no speed shows."""
     record = linear_record(MACHINE, 51)
@@ -164,6 +170,7 @@ def with_load_angle(error):
     return replace(record, signals={**record.signals, "load_angle": angle})
 
 
+@pytest.mark.slow
 def test_a_sensor_with_a_value_at_every_fourth_sample_is_weighed_rightly():
     """Its noise, guessed a hundred times too loud, drew the torque's with it, and all parameters astray."""
     record = with_load_angle(np.zeros_like)
@@ -181,6 +188,7 @@ def test_repeating_errors_of_a_second_sensor_are_said_too():
     assert "innovations-correlated" in {f.code for f in estimate.findings}
 
 
+@pytest.mark.slow
 def test_a_shaft_torque_sensor_tells_them_apart():
     machine = replace(MACHINE, viscous=(0.4, 0.1))
     record = linear_record(machine, 51)
@@ -198,6 +206,7 @@ def test_a_shaft_torque_sensor_tells_them_apart():
     assert estimate.noise["sensor_std.shaft_torque"] == pytest.approx(0.5, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_speed_that_never_changes_is_fitted_without_a_division_by_zero():
     """The observer repeats it without an error, which leaves no variance; warnings are errors here."""
     t = np.arange(400) * 1e-3

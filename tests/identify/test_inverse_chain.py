@@ -125,6 +125,7 @@ def test_intervals_of_a_chain_hold():
     assert count > 230 and held / count >= 0.92
 
 
+@pytest.mark.slow
 def test_a_chain_without_dry_friction_and_gap_is_no_straight_line_over_its_parameters():
     """Its torque is in proportion to all of them together, which one linear step must not be taken for."""
     machine = Machine((0.05, 0.02), (0.02, 0.05), (0.0, 0.0), (0.1, 0.0), (40.0,), (0.5,))

@@ -75,6 +75,7 @@ def test_a_gap_that_is_said_to_be_none_is_not_looked_for():
     assert found is None or found.code != "gap-left-out"
 
 
+@pytest.mark.slow
 def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():
     outcome, white, setup, _ = fitted("load.third-mass", "L", 6, 3104)
     lack = lack_of(outcome, white, outcome)
@@ -86,6 +87,7 @@ def test_a_third_mass_left_out_is_found_and_leaves_no_correlation():
     assert abs(values["shaft.stiffness"] - truth) < 0.3 * abs(outcome.drive.values["shaft.stiffness"] - truth)
 
 
+@pytest.mark.slow
 def test_the_stated_share_and_frequency_of_a_third_mass_are_those_of_the_machine():
     """Free of the motor, a mass of share s on the rest of the load swings 1 / sqrt(1 - s) faster than on a wall."""
     _, law = arrange("load.third-mass", "L", 6, 3104, 2.0)

@@ -53,6 +53,7 @@ def test_a_simulation_fit_leaves_nothing_out(record):
     assert "samples-left-out" not in {f.code for f in found.findings}
 
 
+@pytest.mark.slow
 def test_many_far_samples_are_no_outliers(record):
     """A tenth of the samples far off is another noise, not a slip."""
     speed = record.signals["motor_speed"].copy()

@@ -59,6 +59,7 @@ def test_a_sum_that_is_asked_for_is_fitted():
     assert {p.name: p.status for p in estimate.parameters}["total.viscous"] == "held"
 
 
+@pytest.mark.slow
 def test_what_a_short_record_does_not_tell_stands_as_in_the_file_with_its_covariance(told):
     estimate = fitted(told, 0.9)
     lines = {p.name: p for p in estimate.parameters}

@@ -51,6 +51,7 @@ def resting():
     return fitted(data, REST), fitted(data, Start())
 
 
+@pytest.mark.slow
 def test_a_known_start_narrows_the_intervals_and_they_hold_the_truth(resting):
     known, free = ({p.name: p for p in e.parameters} for e in resting)
     ratios = {n: known[n].std / free[n].std for n in FREE[:4]}
@@ -90,6 +91,7 @@ def test_standstill_by_friction_hides_no_contradiction():
     assert len(found) == 1 and "motor.speed is 1.4" in found[0].text
 
 
+@pytest.mark.slow
 def test_of_a_gap_the_side_on_which_a_record_begins_may_be_known():
     machine = replace(MACHINE, half_gap=(0.02,), idle_torque=(0.0, 2.0))
     torque = alternating(2.0, (5.0, 8.0), (0.1, 0.2), 4, 0.1, STEP, 3)

@@ -126,6 +126,7 @@ def test_rows_that_were_logged_twice_are_no_faster_clock():
     np.testing.assert_array_equal(found.signals["motor_speed"], speed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "resolution"), [(1 / 3000, 1e-3), (0.004, 0.01)])
 def test_the_inertia_of_coarse_stamps_is_that_of_whole_ones(step, resolution):
     torque, speed = axis(step)

@@ -140,6 +140,7 @@ def test_elastic_impact_across_the_gap_keeps_momentum_and_swaps_relative_speed()
     assert run.events["contact_made"] == int(0.6 / cycle + (np.pi / 78.3) / cycle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["inside", "always"])
 def test_energy_is_never_created(law):
     machine = Machine((0.6, 5.2), coulomb=(0.3, 0.2), stiffness=(3300.0,), damping=(3.1,),
@@ -262,6 +263,7 @@ def test_converter_step_response_of_first_order():
 # Numbers
 
 
+@pytest.mark.slow
 def test_tolerance_converges():
     """Samples of 20 ms, so that the step size control and not the sampling sets the steps."""
     machine = machine_by_seed(3, gap=0.1, friction=True, converter_bandwidth=433.0)
@@ -390,6 +392,7 @@ def test_fixtures_are_what_the_program_writes():
         assert (FIXTURES / room / "truth.yaml").read_text() == text
 
 
+@pytest.mark.slow
 def test_the_run_downs_are_what_the_program_writes(tmp_path):
     """All of them again, to the byte, and small enough to look at."""
     coast_fixtures.make(tmp_path / "coast")

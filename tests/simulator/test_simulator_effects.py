@@ -116,6 +116,7 @@ def test_hardening_shaft_at_rest_has_its_twist(run, power):
     assert made.shaft_torques[-1, 0] == pytest.approx(15.0, rel=1e-9)
 
 
+@pytest.mark.slow
 @BOTH
 def test_breakaway_is_coulomb_and_extra_and_sliding_falls_to_coulomb(run):
     machine = Machine((1.0,), (0.0,), (2.0,), effects=Effects(stribeck=(1.5,), stribeck_speed=(0.1,)))

@@ -247,6 +247,7 @@ def dense_plane(drive, kind, points):
         assert max_sensitivity(work.plant, Settings(kp[k], ti[k]))[0] > 1.8
 
 
+@pytest.mark.slow
 def test_optimum_repeats_to_the_last_digit():
     loop = build(tandem("G1"), Wiring("mimo", MOTORS, dead_time="zero"))
     first, again = (optimum(task(loop, criterion("IAE"), Limits())) for _ in range(2))
@@ -263,6 +264,7 @@ def test_a_weight_on_the_torque_trades_speed_for_torque():
     assert value(loop, speed, calm) > 1.001 * value(loop, speed, plain)
 
 
+@pytest.mark.slow
 def test_rigid_drive_and_filter_without_converter():
     rigid = one_body().with_values({"motor.inertia": 2.0, "motor.viscous": 0.01})
     wiring = Wiring(speed_filter=0.004)

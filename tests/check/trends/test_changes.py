@@ -41,6 +41,7 @@ def test_a_step_is_found_with_the_second_recording_after_it():
     assert found[1] == 0 and found[2] >= 12
 
 
+@pytest.mark.slow
 def test_the_slope_is_inside_its_interval():
     """Of 100 seeds 89 to 100 are, with 99 % of a true share of 95 %; slopes per recording and per day alike."""
     inside = per_day = alarms = 0

@@ -48,18 +48,20 @@ def hidden_behind_two(size):
     return found
 
 
-@pytest.mark.parametrize("size", [20.0, 500.0])
+@pytest.mark.parametrize("size", [20.0, pytest.param(500.0, marks=pytest.mark.slow)])
 def test_far_recordings_do_not_hide_a_step(size):
     """14 or more of 20 are, by 99 % of such runs, where 18 of 20 are in truth."""
     assert hidden_behind_two(size) >= 14
 
 
+@pytest.mark.slow
 def test_what_one_far_recording_may_say(monkeypatch):
     """Twice as much, and two of them hide each other and the step."""
     monkeypatch.setattr(weights, "FAR", 2.0 * weights.FAR)
     assert hidden_behind_two(20.0) < 14
 
 
+@pytest.mark.slow
 def test_normal_sites_have_none():
     """At most one of 20 sites, with 99 %; each of 8 machines, 5 parameters and 25 recordings."""
     assert sum(bool(outliers(trends_of(site(seed, normal))[1])) for seed in SEEDS) <= 2
@@ -72,6 +74,7 @@ def test_the_bar_is_that_of_an_alarm():
     assert named[0] >= 14 and named[1] <= 6
 
 
+@pytest.mark.slow
 def test_heavy_tails_are_named_and_raise_no_alarm():
     found = [trends_of(site(seed, student(3))) for seed in SEEDS]
     assert sum(len(told(findings)) for findings, _ in found) <= 1
