@@ -349,6 +349,7 @@ def test_nothing_is_found_where_nothing_is_missing():
     assert [e.round.cause for e in path] == [None]
 
 
+@pytest.mark.slow
 def test_slow_noise_of_the_torque_is_nothing_that_is_missing():
     """The base of a record in which nothing is found is held against it under the noise that is likeliest."""
     slow = lfilter([0.006], [1.0, -0.995], np.random.default_rng(8).standard_normal(6000))

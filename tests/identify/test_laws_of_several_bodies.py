@@ -89,6 +89,7 @@ def test_friction_that_falls_on_the_load_leaves_its_level():
     assert viscous == 0.0 and dry == pytest.approx(np.mean(0.4 - 0.01 * speed[moving]), rel=1e-2)
 
 
+@pytest.mark.slow
 def test_the_motion_of_the_load_is_that_of_its_sensor_or_of_the_fit():
     task, _drawn = task_of("quiet", "", 2, 974)
     fit = by_innovations(task, [{}])
