@@ -8,7 +8,7 @@ import numpy as np
 
 from drivetool.check.trends.change_points import FEWEST, LEVEL, Model, columns, model_of
 from drivetool.check.trends.regression import fit
-from drivetool.check.trends.weights import scatter_weights, weights_of
+from drivetool.check.trends.weights import scatter_weights, trust, weights_of
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def _farthest(values: np.ndarray, variances: np.ndarray, tests: int) -> Outlier:
 
 def _apart(values: np.ndarray, variances: np.ndarray, model: Model, place: int, tests: int) -> Outlier:
     """A recording against the others, by a column of its own; its weight is as if it were no outlier."""
-    own, usual = scatter_weights(values, variances), weights_of(values, variances)
+    own = scatter_weights(values, variances)
     alone = np.arange(len(values)) == place
     design = np.column_stack([columns(len(values), model.slope, model.cuts), alone])
-    found = fit(values, np.where(alone, own, usual), design)
+    found = fit(values, np.where(alone, own, own * trust(values, own)), design)
     far, std = float(found.coefficients[-1]), found.std_left / float(np.sqrt(own[place]))
     ratio = abs(far) / std if std > 0.0 else 0.0  # all are zero
     return Outlier(place, float(values[place]), float(values[place]) - far, std, ratio,

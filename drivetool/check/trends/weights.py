@@ -40,10 +40,15 @@ def weights_of(values: np.ndarray, variances: np.ndarray) -> np.ndarray:
     source             Holland and Welsch 1977 (weights that fall by the square); Hampel 1974 (running median)
     """
     weights = scatter_weights(values, variances)
+    weights = weights * trust(values, weights)
+    return weights / weights.mean()
+
+
+def trust(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(n,) factors up to 1 by which recordings far off the running median count less; weights (n,) without them."""
     off = np.abs(values - running_median(values)) * np.sqrt(weights)
     scale = float(np.median(off[off > 0.0])) / MEDIAN_TO_STD if np.any(off > 0.0) else 1.0
-    weights = weights * np.minimum(1.0, FAR * scale / np.maximum(off, scale)) ** 2
-    return weights / weights.mean()
+    return np.minimum(1.0, FAR * scale / np.maximum(off, scale)) ** 2
 
 
 def running_median(values: np.ndarray) -> np.ndarray:

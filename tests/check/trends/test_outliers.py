@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from drivetool.check.trends import weights
 from drivetool.check.trends.findings import trends_of
+from drivetool.check.trends.outliers import outliers_of
+from drivetool.check.trends.regression import correlation
 from tests.check.trends.sites import normal, site, step, student, told
 
 SEEDS = range(20)  # fixed before the first look
@@ -27,6 +30,20 @@ def test_a_recording_in_another_unit_is_named_wherever_it_is(place):
     (_, figures), = trends[2].outliers
     assert figures.place == place and figures.expected == pytest.approx(1.5, rel=0.05)
     assert trends[2].mean.recordings == 24 and trends[2].mean.value == pytest.approx(1.5, rel=0.01)
+
+
+def test_the_figures_are_those_of_leaving_it_out():
+    """Without steps, drift and stated std: Student's t of the distance from the mean of the others."""
+    values = np.abs(np.random.default_rng(8).normal(size=30)) * (-1.0) ** np.arange(30)
+    values[11] = 9.0
+    outlier, = outliers_of(values, np.zeros(30), 7, 5.0)
+    others = np.delete(values, 11)
+    assert correlation(others - others.mean(), 1) == 0.0  # else the chance allows for it
+    distance, std = 9.0 - others.mean(), others.std(ddof=1)
+    assert (outlier.place, outlier.expected) == (11, pytest.approx(others.mean()))
+    assert (outlier.std, outlier.ratio) == (pytest.approx(std), pytest.approx(distance / std))
+    chance = 2.0 * stats.t.sf(distance / std / np.sqrt(1.0 + 1.0 / 29.0), 28)
+    assert outlier.chance == pytest.approx(30 * 7 * chance)
 
 
 def test_one_finding_for_all_parameters_of_a_recording():
