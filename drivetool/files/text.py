@@ -17,8 +17,9 @@ _NUMBER = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+\.?[0-9]*)[eE][-+]?[0-9]+$")
 _LARGEST = 1.797693134e308
 # YAML reads these as line breaks, and the first as a plain one.
 _BREAKS = re.compile("[\x85\u2028\u2029]")
-# Valid in JSON, but a terminal obeys the control characters, and UTF-8 has no lone surrogates.
-_UNSEEN = re.compile("[\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+# A terminal obeys control characters, UTF-8 has no lone surrogates, and XML 1.0 has no place for most of these, not
+# even escaped (section 2.2).
+_UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
 
 
 class _Loader(yaml.SafeLoader):
@@ -96,7 +97,12 @@ def to_yaml(document: Mapping[str, Any]) -> str:
 def to_json(document: Mapping[str, Any]) -> str:
     """The same content as `to_yaml`, as indented JSON."""
     text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+    return visible(text) + "\n"
+
+
+def visible(text: str) -> str:
+    """What a file or a terminal cannot show, as it is written in source code."""
+    return _UNSEEN.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def from_yaml(data: bytes | str, name: str) -> dict[Any, Any]:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-# XML 1.0 has no place for most of these, not even escaped (section 2.2); a terminal obeys the others.
-_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\ufffe\uffff]")
+from drivetool.files.text import visible
+
 # Markdown and the HTML in it take these for their own. A star or a bracket within a file's name is one, too.
 _MARKED = re.compile(r"([\\`*_{}\[\]<>#|~$@])")
 MOST_LISTED = 200  # missed bars in a step summary, which may have 1 MiB on GitHub
@@ -121,11 +121,6 @@ def _attribute(text: str) -> str:
 
 def _text(text: str) -> str:
     return escape(visible(text))
-
-
-def visible(text: str) -> str:
-    """What XML cannot hold, and what a terminal would obey, as it is written in source code."""
-    return _CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def _marked(text: str) -> str:

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from drivetool.files.site.cases import visible
 from drivetool.files.site.shapes import ONE_KIND, SITE_SCHEMA
+from drivetool.files.text import visible
 
 # The end of a kind's name whose recordings judge what others were fitted to.
 HELD_OUT = "holdout"
