@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.drive.chain import TOTALS, Drive
 from drivetool.errors import Finding
 from drivetool.identify.engine import Outcome, Task, free_run, looks_coloured
-from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts
+from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter, Starts, without_intervals
 from drivetool.identify.explanations.explanation import Explanation, told
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.least_squares import schur
@@ -173,11 +173,6 @@ def unsettled(outcome: Outcome) -> bool:
         return False
     others = sorted(s["minus_log_likelihood_above_best"] for s in outcome.starts)
     return outcome.fit.gain > STILL or (len(others) > 1 and others[1] > CONFIRMED)
-
-
-def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
-    """The lines with no interval on what was fitted."""
-    return tuple(p.untold(why) if p.status in ("fitted", "at-bound") else p for p in lines)
 
 
 def _not_settled(outcome: Outcome) -> Finding:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -148,3 +148,8 @@ class Estimate:
     laws: tuple[FoundLaw, ...] = ()
     ratios: tuple[Parameter, ...] = ()
     repeats: bool = False
+
+
+def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
+    """The lines with no interval on what was fitted."""
+    return tuple(p.untold(why) if p.status in ("fitted", "at-bound") else p for p in lines)

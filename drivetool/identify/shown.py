@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.identify.compose import without_intervals
-from drivetool.identify.estimate import Covariance, Estimate
+from drivetool.identify.estimate import Covariance, Estimate, without_intervals
 from drivetool.identify.innovations import Fit, fit_innovations
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Outcome, has_gap

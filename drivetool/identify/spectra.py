@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from drivetool.errors import BadOption, BadRecording, Finding, NotEnoughData
-from drivetool.identify.estimate import Exhibit
-from drivetool.identify.feedback import Feedback, feedback_of
+from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.feedback import feedback_of
 from drivetool.identify.frf import ESTIMATORS, Response, Welch, welch_response
-from drivetool.identify.periodic import Distortion, Lines, distortions, lines_of, period_of, periodic_response
+from drivetool.identify.periodic import Lines, distortions, lines_of, period_of, periodic_response
 from drivetool.identify.spectra_findings import findings_of, peaks_of, pictures
-from drivetool.logs.experiment import Experiment, Source
+from drivetool.identify.spectrum import Spectrum
+from drivetool.logs.experiment import Experiment
 
 Method = Literal["auto", "welch", "periodic"]
 METHODS: tuple[Method, ...] = ("auto", "welch", "periodic")
@@ -51,41 +51,6 @@ class SpectraOptions:
             raise BadOption("a known method", f"'{self.method}'", "Correct --method.", METHODS)
         if self.estimator is not None and self.estimator not in ESTIMATORS:
             raise BadOption("a known estimator", f"'{self.estimator}'", "Correct --estimator.", ESTIMATORS)
-
-
-@dataclass(frozen=True)
-class Spectrum:
-    """The outcome of `spectra`.
-
-    input, output, unit  roles and the unit of the response
-    mean      all runs together; runs: one response per run, on its own lines
-    spread    (n,) std over the runs of |g - mean| at the lines of mean; None for one run
-    distortion  levels on empty lines; feedback: from sensor to torque
-    settings  what was used, as plain numbers; peaks: resonances and anti-resonances seen
-    """
-
-    input: str
-    output: str
-    unit: str
-    mean: Response
-    runs: tuple[tuple[str, Response], ...]
-    spread: np.ndarray | None
-    distortion: tuple[Distortion, ...]
-    feedback: Feedback
-    settings: Mapping[str, object]
-    peaks: tuple[Mapping[str, object], ...]
-    findings: tuple[Finding, ...]
-    data: tuple[Source, ...]
-    exhibits: tuple[Exhibit, ...] = ()
-    options: Mapping[str, object] = field(default_factory=dict)
-
-    @property
-    def outcome(self) -> str:
-        """One sentence."""
-        m = self.mean
-        how = (f"{m.averages:.0f} periods" if m.method == "periodic"
-               else f"{m.averages:.3g} independent frames, {m.method}")
-        return f"{len(m.frequency)} lines from {m.frequency[0]:.4g} to {m.frequency[-1]:.4g} Hz from {how}"
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -11,9 +10,7 @@ from scipy.signal import find_peaks
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit
 from drivetool.identify.frf import Response
-
-if TYPE_CHECKING:
-    from drivetool.identify.spectra import Spectrum
+from drivetool.identify.spectrum import Spectrum
 
 POOR = 0.5  # coherence below which a line says little
 LOUD = -40.0  # dB of distortion below the signal from which it is a warning

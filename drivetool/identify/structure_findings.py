@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,8 @@ from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.feedback import feedback_of
 from drivetool.identify.frf import Welch, welch_response
 from drivetool.identify.pem_figures import Figures
+from drivetool.identify.polynomial_data import Data
 from drivetool.identify.spectra_findings import POOR
-
-if TYPE_CHECKING:
-    from drivetool.identify.structures import Data
 
 FRAMES = 16  # of half overlap, into which the longest stretch is cut to see whether there is any coherence
 

@@ -7,12 +7,12 @@ Discrete-time prediction-error models as the literature compares them. What they
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from drivetool.drive.chain import Drive
-from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.errors import BadOption, NotEnoughData
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit
 from drivetool.identify.fit_percent import fit_percent
 from drivetool.identify.frequency_oe import through_response
@@ -21,10 +21,11 @@ from drivetool.identify.options import Options
 from drivetool.identify.pem_figures import Figures, figures_of
 from drivetool.identify.pem_fit import PemFit, fit_structure
 from drivetool.identify.pem_model import KINDS, POLYNOMIALS, Prediction, Stretch, Structure
+from drivetool.identify.polynomial_data import Data, data_of
 from drivetool.identify.problem import Point
 from drivetool.identify.realise import conversion, lines_of, ringing_with_std
 from drivetool.identify.results import Z95
-from drivetool.identify.spectra import Run, SpectraOptions, output_role, response_of, stretches_of
+from drivetool.identify.spectra import SpectraOptions, response_of
 from drivetool.identify.structure_findings import bodies_advice, findings_of
 from drivetool.logs.experiment import Experiment
 
@@ -32,42 +33,6 @@ ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to s
 HOLDOUT = 0.3
 SIMPLER = 1.05  # of the least unexplained part: the lowest order that comes this close is taken
 NOISE_ORDER = 2
-
-
-@dataclass(frozen=True)
-class Data:
-    """Runs of one sample interval, as stretches of torque and output; which role the output is."""
-
-    runs: tuple[Run, ...]
-    role: str
-    step: float
-
-    @property
-    def stretches(self) -> tuple[Stretch, ...]:
-        """All stretches of all runs."""
-        return tuple(Stretch(s[:, 0], s[:, 1], r.name) for r in self.runs for s in r.stretches)
-
-    @property
-    def extra(self) -> int:
-        """Coefficients of B beyond the order."""
-        return int(self.role.endswith("angle"))
-
-    def parts(self, share: float) -> tuple[Data, Data]:
-        """(first `share` of every stretch, the rest)."""
-        cut = [[(s[: int(share * len(s))], s[int(share * len(s)):]) for s in r.stretches] for r in self.runs]
-        return tuple(replace(self, runs=tuple(replace(r, stretches=tuple(c[i] for c in cuts))
-                                              for r, cuts in zip(self.runs, cut, strict=True))) for i in (0, 1))
-
-
-def data_of(experiments: Sequence[Experiment]) -> Data:
-    """Torque and the motor's speed of every recording."""
-    role = output_role(experiments, None)
-    runs = tuple(stretches_of(e, role) for e in experiments)
-    steps = {round(r.step, 12) for r in runs}
-    if len(steps) > 1:
-        raise BadRecording("recordings of one sample interval for a discrete-time model",
-                           ", ".join(f"{r.step:g} s in {r.name}" for r in runs), "Fit them apart, or resample.")
-    return Data(runs, role, runs[0].step)
 
 
 def structured(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:

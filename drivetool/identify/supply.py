@@ -1,4 +1,4 @@
-"""Voltages of an induction motor's supply as its model takes them: a space vector in a frame that turns with it."""
+"""Recordings of an induction motor's supply, with its voltages as the model takes them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from drivetool.drive.chain import Drive
 from drivetool.drive.effects.induction import VOLTAGES
+from drivetool.drive.supply_vector import by_converter, by_phases, turning, vector_of_converter, vector_of_phases
 from drivetool.errors import BadRecording, Finding
 from drivetool.logs.experiment import Experiment
 
@@ -16,7 +17,6 @@ FRAME = "motor.supply_frequency"
 PHASES = ("motor_voltage_a", "motor_voltage_b")
 VOLTAGE, FREQUENCY = "supply_voltage", "supply_frequency"
 SUPPLY = (*PHASES, VOLTAGE, FREQUENCY)
-ACTS = 0.05  # of the largest voltage, above which the frequency is read: below, noise turns the vector
 
 
 def fed_by_voltages(drive: Drive) -> bool:
@@ -45,17 +45,11 @@ def as_stator_voltages(experiments: Sequence[Experiment], drive: Drive, off_too:
         return tuple(map(_in_frame_already, experiments)), drive
     frame = drive.values.get(FRAME)
     if frame is None:
-        turns = np.median(np.concatenate([_turns(*each) for each in known]))
+        turns = np.median(np.concatenate([turning(*each) for each in known]))
         frame = float(f"{abs(turns):.10g}")  # as a file has it
         drive = drive.with_values({FRAME: frame})
     return tuple(_in_frame_already(e) if u is None else _in_frame(e, u, frame, off_too)
                  for e, u in zip(experiments, found, strict=True)), drive
-
-
-def _turns(later: np.ndarray, earlier: np.ndarray, step: float) -> np.ndarray:
-    """Frequencies [Hz] at which a vector turns from sample to sample, where there is one."""
-    acts = np.minimum(np.abs(later), np.abs(earlier)) > ACTS * np.nanmax(np.abs(later))
-    return np.angle(later[acts] / earlier[acts]) / (2.0 * np.pi * step)
 
 
 def _vector(e: Experiment, drive: Drive) -> np.ndarray | None:
@@ -68,8 +62,7 @@ def _vector(e: Experiment, drive: Drive) -> np.ndarray | None:
                            f"motor_torque and {', '.join(there)}",
                            "Leave one out of the channel map: the torque follows from the voltages.")
     if set(PHASES) <= set(there):
-        a, b = (e.signals[role] for role in PHASES)
-        return a + 1j * (a + 2.0 * b) / np.sqrt(3.0)
+        return vector_of_phases(*(e.signals[role] for role in PHASES))
     if VOLTAGE not in there:
         raise BadRecording(f"{' and '.join(PHASES)}, or {VOLTAGE}, in {e.name}", ", ".join(there),
                            "Log two phases, or the voltage and frequency of the converter.")
@@ -77,20 +70,13 @@ def _vector(e: Experiment, drive: Drive) -> np.ndarray | None:
     if not np.nanmax(np.abs(frequency)) > 0.0:
         raise BadRecording(f"the frequency of the supply in {e.name}", "none",
                            f"Log {FREQUENCY}, or give it with --set '{FRAME}=50 Hz'.")
-    angle = 2.0 * np.pi * e.step * np.concatenate([[0.0], np.cumsum(frequency[:-1])])
-    return e.signals[VOLTAGE] * np.sqrt(2.0 / 3.0) * np.exp(1j * angle)
+    return vector_of_converter(e.signals[VOLTAGE], frequency, e.step)
 
 
 def _in_frame(e: Experiment, vector: np.ndarray, frame: float, off_too: bool) -> Experiment:
     """The experiment with means over its samples of the vector as it is in the frame."""
-    held = vector * np.exp(-2j * np.pi * frame * e.step * np.arange(e.size))
-    if VOLTAGE in e.signals:  # the converter holds its amplitude and turns on
-        step = 2.0 * np.pi * e.step * (e.signals.get(FREQUENCY, np.full(e.size, frame)) - frame)
-        held = held * np.exp(0.5j * step) * np.sinc(0.5 * step / np.pi)
-    else:  # the mean until the next sample, unless it is switched between them
-        acts = np.abs(held) > ACTS * np.nanmax(np.abs(held))
-        both = acts[1:] & acts[:-1]
-        held[:-1] = np.where(both, 0.5 * (held[1:] + held[:-1]), held[:-1])
+    held = by_converter(vector, frame, e.step, e.signals.get(FREQUENCY, np.full(e.size, frame))) \
+        if VOLTAGE in e.signals else by_phases(vector, frame, e.step)
     signals = {role: values for role, values in e.signals.items() if role not in SUPPLY}
     signals |= {"motor_torque": np.zeros(e.size)} | dict(zip(VOLTAGES, (held.real, held.imag), strict=True))
     found = replace(e, signals=_fixed(signals))
