@@ -12,11 +12,11 @@ export OMP_NUM_THREADS := 1
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
 
-# Every change: some 6 minutes on two cores, the compilation of the kernel included.
+# Every change: at most six minutes on two cores, the compilation of the kernel included.
 test: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2
 
-# Some 40 minutes: other hidden effects, recorded machines, coverage, every size of the kernel.
+# At most thirty minutes: other hidden effects, recorded machines, coverage, every size of the kernel.
 test-slow: $(VENV)/ready
 	$(BIN)/python -m pytest -n 2 -m 'slow and not (long or study)'
 

@@ -34,6 +34,10 @@ def try_out(package: Path, folder: Path) -> None:
     version = run(tool, "--version", folder=folder).strip()
     if not package.name.startswith(version.replace(" ", "-")):
         sys.exit(f"{package.name} says that it is {version}")
+    told = "from importlib.metadata import distribution as d; print(d('drivetool').read_text('licenses/LICENSE'))"
+    licence = run(environment / "bin" / "python", "-c", told, folder=folder)
+    if licence.strip() != (ROOT / "LICENSE").read_text().strip():
+        sys.exit(f"{package.name} installs without its licence")
     run(tool, "inspect", log, folder=folder)
     run(tool, "steady", log, "--out", "steady.yaml", folder=folder)
     shown = run(tool, "show", "steady.yaml", folder=folder)

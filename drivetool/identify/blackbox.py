@@ -15,6 +15,7 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.drive.simulate import Trace
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.attempts import attempted, that_held
 from drivetool.identify.blackbox_result import Physical, estimate_of, fixed
 from drivetool.identify.blackbox_start import Regression, mean_speed, starts
 from drivetool.identify.engine import Outcome, Task, coloured
@@ -166,12 +167,16 @@ def _resisted(values: np.ndarray, form: Form, traces: Sequence[Trace]) -> np.nda
 
 
 def _fit_from(task: Task, form: Form, options: Options, values: Sequence[np.ndarray]) -> Outcome:
-    """The model fitted from start values; the best one counts."""
-    found = [_polished(task, form, options, v) for v in values]
-    best = min(found, key=misfit)
+    """The model fitted from start values; the best one counts.
+
+    A resonance far below the record's trades against the rigid body, whose inertia then has any size and sign. A
+    known friction over it is a pole at which the simulation may overflow: such a start breaks, the others go on.
+    """
+    found = [attempted(lambda v=v: _polished(task, form, options, v)) for v in values]
+    best = min(that_held(found), key=misfit)
     tried = tuple({**dict(zip(form.names, map(float, v), strict=True)),
                    "minus_log_likelihood_above_best": float(misfit(o) - misfit(best))}
-                  for v, o in zip(values, found, strict=True))
+                  for v, o in zip(values, found, strict=True) if o is not None)
     if best.fit is not None:
         fit = settle(best.problem, best.fit)
         best = replace(best, solution=fit.solution, fit=fit)
@@ -182,9 +187,8 @@ def _polished(task: Task, form: Form, options: Options, values: np.ndarray) -> O
     """One fit, by the criterion of the options."""
     simulation = options.criterion == "simulation"
     problem = problem_of(task, form, values, (options.segment or 0.0) if simulation else 0.0)
-    still = fixed(problem, values)
     rest = tuple(form.rest(t) for t in problem.traces)
-    states = solve(still, Point(np.empty(0), rest), most=10).point.starts
+    states = solve(fixed(problem, values), Point(np.empty(0), rest), most=10).point.starts
     point = Point(values, states)
     if simulation:
         solution = solve(problem, point, relative=1e-10, most=100)

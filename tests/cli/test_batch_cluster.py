@@ -48,4 +48,4 @@ def test_it_is_not_installed(here, call, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     sites.small(here, count=1)
     code, _, err = call("batch", "site.yaml", "--scheduler", "tcp://127.0.0.1:9")
-    assert code == 2 and "pip install 'drivetool[site]'" in err
+    assert code == 2 and "pip install '.[site]'" in err

@@ -5,8 +5,10 @@ import pytest
 
 from drivetool.drive.chain import two_mass
 from drivetool.identify.blackbox import blackbox
+from drivetool.identify.greybox import greybox
 from drivetool.identify.options import Options
-from tests.light_rigs import HEAVY, STEP, TABLE, Sensors, channels, idle_at_motor, steps_record
+from drivetool.identify.steady import steady
+from tests.light_rigs import HEAVY, STEP, TABLE, Sensors, channels, idle_at_motor, steady_record, steps_record
 from tests.study.study_shaft_torque import opened, truth_of
 
 SHAPE = ("motor.inertia", "load.inertia", "shaft.stiffness", "shaft.damping")
@@ -25,6 +27,17 @@ def test_two_seconds_tell_inertias_stiffness_and_damping(machine, seed):
         assert abs(lines[name].value - true[name]) < 3.0 * lines[name].std, name
         assert lines[name].std < (0.15 if name == "shaft.damping" else 0.003) * true[name]
     assert not [n for n in lines if n.startswith("total.")]
+
+
+def test_the_chain_goes_on_where_a_start_diverges():
+    """The known friction over a start's inertia of -2.5e-8 kg m^2 is a pole at which the simulation overflows."""
+    true = truth_of(HEAVY)
+    told = steady([opened(steady_record(HEAVY, 109), "steady")], two_mass(), Options())
+    steps = [opened(steps_record(HEAVY, 109, duration=2.0), "steps")]
+    begun = blackbox(steps, told.drive, Options(known=told.covariance))
+    lines = lines_of(greybox(steps, begun.drive, Options(known=told.covariance)))
+    for name in SHAPE:
+        assert abs(lines[name].value - true[name]) < 3.0 * lines[name].std, name
 
 
 def test_the_idle_torque_is_of_the_record_and_known_viscous_friction_stays():

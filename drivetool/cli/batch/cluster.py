@@ -97,7 +97,7 @@ def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
         from dask.distributed import Client
     except ImportError:
         raise BadOption("dask.distributed for --scheduler", "it not installed",
-                        "Install it with `pip install 'drivetool[site]'`, or leave --scheduler out.") from None
+                        "In a clone of drivetool run `pip install '.[site]'`, or leave --scheduler out.") from None
     for name in ("distributed", "tornado", "asyncio"):  # what they have to say is said below
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
