@@ -217,7 +217,8 @@ def in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
             text = text.replace(old, new if old != "motor.inertia" else "the inertia at the motor")
         return text
 
-    findings = tuple(replace(f, text=named(f.text), action=named(f.action)) for f in found.findings)
+    findings = tuple(replace(f, text=named(f.text), action=named(f.action), parameter=rigid.names.get(
+        f.parameter or "")) for f in found.findings)
     order = list(drive.quantities)
     return replace(found, drive=drive.with_values(values), covariance=covariance, findings=findings,
                    parameters=tuple(sorted(lines.values(), key=lambda p: order.index(p.name))))
