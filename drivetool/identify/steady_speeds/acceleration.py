@@ -155,8 +155,7 @@ def _fitted(experiments: Sequence[Experiment], spans: Sequence[Span], start: Dri
         cut = [averaged(e, mine, length) for k, e in enumerate(experiments)
                if (mine := [s for s in spans if s.recording == k])]
         found = greybox(cut, start, options)
-        correlated = "innovations-correlated" in {f.code for f in found.findings}
-        if not correlated or longest < 2 * length * FEWEST:
+        if not found.repeats or longest < 2 * length * FEWEST:
             return found, cut
         length *= 2
 
