@@ -55,10 +55,11 @@ class Notice(UserWarning):
 class Finding:
     """Something a person should know about a recording, a fit or a model.
 
-    code      one of `finding_codes`: stable, lower case with hyphens, for scripts
-    text      one sentence for a plant engineer
-    evidence  the numbers behind it, name -> value in SI
-    action    what to do about it; empty if nothing
+    code       one of `finding_codes`: stable, lower case with hyphens, for scripts
+    text       one sentence for a plant engineer
+    evidence   the numbers behind it, name -> value in SI
+    action     what to do about it; empty if nothing
+    parameter  of the estimate, if it is about one alone; for the steps within a run, and in no file
     """
 
     severity: Severity
@@ -66,6 +67,8 @@ class Finding:
     text: str
     evidence: Mapping[str, float | int | str] = field(default_factory=dict)
     action: str = ""
+    # Two findings that a file cannot tell apart are the same one: where each is said once, this makes no second.
+    parameter: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         """Refuse a code that the registry, and so the reference pages, lack."""

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from drivetool.check.causes import CAUSES
 from drivetool.errors import Finding
-from drivetool.finding_codes import CODES, STAGES
+from drivetool.finding_codes import CODES, DOUBTING, SHIFTED, STAGES, SUMMED
 from tests.places import ROOT
 
 SEVERITIES = ("note", "warning", "failure")
@@ -15,8 +16,23 @@ SEVERITIES = ("note", "warning", "failure")
 HANDED_ON = {"check/faults/preflight.py": {"wrong-sign", "wrong-scale"},
              "check/faults/shaft.py": {"wrong-sign", "wrong-scale"},
              "identify/blackbox_findings.py": {"shaft-not-excited", "impossible-conversion"}}
-# A diagnosis rewrites the severity of a finding of its last fit.
-REWRITTEN = {"innovations-correlated": {"note"}}
+# Where a code or a text of a finding is asked for, and why. State is handed on as a value; what is told may be
+# sorted.
+OF_A_FILE, SORTED = "the code in the file is the interface", "sorts what is told, computes nothing"
+ASKED = {
+    ("check/diagnose.py", "doubted_outliers"): "asks faults, by the code of their cause",
+    ("files/diagnosis_input.py", "base_findings"): OF_A_FILE,
+    ("files/result_file.py", "estimate_file"): OF_A_FILE,
+    ("files/trends_file.py", "outcome"): "counts what is told",
+    ("identify/coast_down/stretches.py", "_goes_on"): "a recording has no other place for what is wrong with it",
+    ("identify/explanations/left_out.py", "without_shaft"): "asks a Lack, which becomes a finding here",
+    ("identify/inverse_dynamics/greybox.py", "_lines"): SORTED,
+    ("identify/results.py", "without_untold"): SORTED,
+    ("identify/shaft_torque/blackbox.py", "with_shaft_torque"): SORTED,
+    ("identify/shaft_torque/sides.py", "as_in_file"): SORTED,
+    ("logs/build.py", "_on_grid"): SORTED,
+    ("logs/clocks/resample.py", "_require_overlap"): "quotes the finding in an error"}
+OWN = set(CODES) - set(CAUSES)  # a cause of a diagnosis has a code too
 
 
 def _texts(node: ast.expr) -> set[str]:
@@ -61,7 +77,7 @@ def test_every_finding_has_registered_codes_and_plain_severities():
 def test_every_registered_code_is_raised_with_the_severities_that_it_states():
     """What no call raises is taken out of drivetool/finding_codes."""
     for code, entry in CODES.items():
-        raised = REWRITTEN.get(code, set()).union(*(s for _, s, codes in CALLS if code in codes))
+        raised = set().union(*(s for _, s, codes in CALLS if code in codes))
         # All verdicts of a diagnosis are raised by one call; each has one of its severities.
         verdict = code.startswith("diagnosis-")
         assert set(entry.severities) < raised if verdict else set(entry.severities) == raised, code
@@ -91,3 +107,61 @@ def test_entries_are_a_code_in_lower_case_and_plain_sentences():
 def test_an_unregistered_code_is_refused():
     with pytest.raises(ValueError, match="'no-such-code' is no registered finding code"):
         Finding("note", "no-such-code", "Never said.")
+
+
+def _are_findings(tree: ast.AST) -> set[str]:
+    """Names that stand for a finding: of a loop over findings, of an argument, or by what they are called."""
+    loops = [node for node in ast.walk(tree) if isinstance(node, ast.For | ast.comprehension)]
+    names = {node.target.id for node in loops
+             if isinstance(node.target, ast.Name) and "finding" in ast.unparse(node.iter).lower()}
+    arguments = [node for node in ast.walk(tree) if isinstance(node, ast.arg) and node.annotation]
+    return {"finding"} | names | {a.arg for a in arguments if ast.unparse(a.annotation) == "Finding"}
+
+
+def _asked(tree: ast.AST) -> bool:
+    """Whether anything depends on the code or the text of a finding."""
+    names = _are_findings(tree)
+
+    def of_finding(node: ast.AST, field: str) -> bool:
+        return isinstance(node, ast.Attribute) and node.attr == field and (
+            isinstance(node.value, ast.Name) and node.value.id in names)
+
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and of_finding(node.value, "text"):
+            return True  # text.startswith, text.partition, ...
+        sides = [node.left, *node.comparators] if isinstance(node, ast.Compare) else [
+            node.elt] if isinstance(node, ast.SetComp) else []
+        literals = {n.value for side in sides for n in ast.walk(side) if isinstance(n, ast.Constant)}
+        codes = [side for side in sides if isinstance(side, ast.Attribute) and side.attr == "code"]
+        if (codes and literals & OWN) or any(of_finding(s, field) for s in sides for field in ("code", "text")):
+            return True
+    return False
+
+
+def test_nothing_depends_on_the_code_or_the_text_of_a_finding():
+    package, found = ROOT / "drivetool", set()
+    for path in sorted(package.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and _asked(node):
+                found.add((path.relative_to(package).as_posix(), node.name))
+    assert found == set(ASKED)
+
+
+@pytest.mark.parametrize("line", [
+    "any(f.code == 'not-settled' for f in estimate.findings)",
+    "{f.code for f in estimate.findings} & LACKING",
+    "[f for f in found.findings if f.text.startswith(name)]",
+    "[f for f in more if f.code != 'model-error']",
+    "[f for f in findings if name in f.text]"])
+def test_such_a_question_is_seen(line):
+    assert _asked(ast.parse(line))
+
+
+def test_what_a_file_says_by_codes_stands_in_their_table():
+    assert {"innovations-correlated", "model-error", "diagnosis-unexplained"} == DOUBTING
+    assert {"torque-late", "torque-early"} == SHIFTED and {"idle-and-coulomb-together"} == SUMMED
+
+
+def test_the_parameter_of_a_finding_makes_no_second_one():
+    one = Finding("warning", "not-identifiable", "It cannot be told.", {}, "Do.", "motor.inertia")
+    assert one == Finding("warning", "not-identifiable", "It cannot be told.", {}, "Do.")

@@ -27,9 +27,6 @@ HELP = ("Check models on records not seen. Simulated fit, residuals, cross table
         "every --params file is a model of its own.")
 EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
 
-# Findings that say that the model lacks something.
-UNEXPLAINED = {"correlation-above-limit", "residual-depends-on-input"}
-
 Segment = Annotated[float, typer.Option(
     "--segment", metavar="S", min=0.0,
     help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
@@ -153,7 +150,7 @@ def run(job: Job, options: ValidateOptions) -> int:
     validation = replace(validation, options=noted(job, used, apart[0].words),
                          findings=findings(opened, validation.findings, taken, models[0][1], job.step))
     code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
-    if not job.quiet and UNEXPLAINED & {finding.code for finding in validation.findings}:
+    if not job.quiet and validation.unexplained:
         words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
         words += ["--map", job.map] if job.map else []
         words += [word for step in job.condition for word in ("--condition", step)]

@@ -8,9 +8,9 @@ from drivetool.check.diagnosis import Diagnosis
 from drivetool.drive.chain import Drive
 from drivetool.errors import BadOption, BadParameters, Finding
 from drivetool.files.parameter_file import Loaded
+from drivetool.finding_codes import SHIFTED
 from drivetool.logs.experiment import Experiment
 
-SHIFTED = ("torque-late", "torque-early")
 FITTED = ("fitted", "at-bound", "not-identifiable")
 
 

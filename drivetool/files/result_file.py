@@ -15,12 +15,11 @@ from drivetool.drive.chain import TOTALS, Drive, is_constant
 from drivetool.errors import Finding
 from drivetool.files import shapes
 from drivetool.files.text import plain, to_json, to_yaml
+from drivetool.finding_codes import DOUBTING
 from drivetool.identify.derived import derived
 from drivetool.identify.estimate import Covariance, Estimate, FoundLaw, Parameter, Starts
 from drivetool.identify.results import Z95
 
-# Findings by which the structure is not the machine's.
-DOUBTING = ("innovations-correlated", "model-error", "diagnosis-unexplained")
 TAKEN_OVER = "taken over, not used in this step"
 OF_RUN_DOWNS = ("rmse_counts", "nrmse_mean", "sensor_rmse", "parameters_rmse")
 Form = Literal["yaml", "json"]

@@ -22,4 +22,9 @@ STAGES: Mapping[str, Mapping[str, Code]] = MappingProxyType({
 CODES: Mapping[str, Code] = MappingProxyType(
     {code: entry for table in STAGES.values() for code, entry in table.items()})
 
-__all__ = ["CODES", "STAGES", "Code", "Severity"]
+# Codes that are read back from a file, or that decide what is written beside them in one: there they are the
+# interface. What a run knows itself it hands on as a value.
+DOUBTING, SHIFTED, SUMMED = (frozenset(code for code, entry in CODES.items() if entry.says == what)
+                             for what in ("doubt", "shift", "sum"))
+
+__all__ = ["CODES", "DOUBTING", "SHIFTED", "STAGES", "SUMMED", "Code", "Severity"]

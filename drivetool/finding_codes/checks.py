@@ -45,7 +45,7 @@ CODES = {
     "diagnosis-unexplained": Code(
         WARNING,
         "The model lacks something, but no effect of the catalogue explains the residual.",
-        "Do the stated experiment; look at the pictures of the residual."),
+        "Do the stated experiment; look at the pictures of the residual.", says="doubt"),
     "encoder-steps": Code(
         NOTE,
         "The quantisation of an encoder makes up at least a tenth of the noise variance of an angle. The motion "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Severity = Literal["note", "warning", "failure"]
+Says = Literal["", "doubt", "shift", "sum"]
 
 
 @dataclass(frozen=True)
@@ -15,11 +16,14 @@ class Code:
     severities  that it may have, the mildest first
     meaning     what was seen, and what that says about the record, the fit or the model
     action      what to do about it
+    says        what is read back from it in a file, which has no other place for that. doubt: the structure is not
+                the machine's; shift: the torque is logged some samples off; sum: a friction is that of two
     """
 
     severities: tuple[Severity, ...]
     meaning: str
     action: str
+    says: Says = ""
 
 
 NOTE: tuple[Severity, ...] = ("note",)

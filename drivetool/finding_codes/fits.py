@@ -140,7 +140,7 @@ CODES = {
         NOTE_OR_WARNING,
         "The one-step prediction errors (innovations) are correlated: the model lacks an effect. Intervals are "
         "conditional on its structure. It is a note where quantisation explains the correlation.",
-        "Run `validate`, then `diagnose`."),
+        "Run `validate`, then `diagnose`.", says="doubt"),
     "input-delay": Code(
         WARNING,
         "The model is far likelier if the torque acts later than it was logged, by a lag or by a part of a sample. "
@@ -170,7 +170,7 @@ CODES = {
         "drives, a fit for simulation reproduces the held-out end of the record clearly better than a fit for "
         "one-step prediction.",
         "Run `diagnose`. The intervals of the default fit include the disagreement as `std_structure`; all "
-        "others are conditional on the structure."),
+        "others are conditional on the structure.", says="doubt"),
     "no-conversion": Code(
         NOTE,
         "The polynomial model has no equivalent chain of masses: its order, or its zeros and poles, do not fit "
@@ -308,7 +308,8 @@ CODES = {
         WARNING,
         "The model is far likelier with the torque one sample later than it was logged. The stamps are early, the "
         "converter answers late, or the speed is filtered; all look the same.",
-        "Write the stated `shift` into the channel map, or free the dead time or the lag of the converter."),
+        "Write the stated `shift` into the channel map, or free the dead time or the lag of the converter.",
+        says="shift"),
     "torque-filtered": Code(
         WARNING,
         "The model is far likelier with the torque as it was in front of a low-pass of the stated time constant "
@@ -339,7 +340,7 @@ CODES = {
         "The model is far likelier with the torque one sample earlier than it was logged. Drives that log the "
         "torque of the cycle that has passed do that. Inertias are off by several per cent, and a diagnosis may "
         "name a third mass.",
-        "Write the stated `shift` into the channel map, and fit again."),
+        "Write the stated `shift` into the channel map, and fit again.", says="shift"),
     "torque-noise-unfelt": Code(
         NOTE,
         "Part of the logged torque has no effect on the motion. It is as strong at all frequencies as the noise "

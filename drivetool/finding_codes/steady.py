@@ -33,7 +33,7 @@ CODES = {
         NOTE,
         "All steady intervals have one direction. Idle torque and Coulomb friction are not identifiable "
         "separately; the idle torque holds their sum.",
-        "Add steady intervals in the other direction."),
+        "Add steady intervals in the other direction.", says="sum"),
     "negative-coulomb": Code(
         NOTE_OR_WARNING,
         "The Coulomb friction of the steady line is negative, which is not physical, and is set to zero. More "

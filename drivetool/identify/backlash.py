@@ -28,7 +28,7 @@ from drivetool.identify.problem import Point
 from drivetool.identify.profile import LEVEL95, Profile, profile
 from drivetool.identify.rates import at_rates
 from drivetool.identify.recordings.by_record import shared_by_some
-from drivetool.identify.results import Z95, covariance_of
+from drivetool.identify.results import Z95, covariance_of, without_untold
 from drivetool.identify.search import AT_ONCE, agrees
 from drivetool.identify.setup import Roles, first_states, led_in, roles_of
 from drivetool.identify.shaft_torque.gap_laws import BothLaws, both_laws, both_laws_from, details_of, laws_told
@@ -216,7 +216,7 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
         findings.append(Finding(
             "note", "half-gap-not-distinguishable",
             f"{name} is not distinguishable from zero; it is at most {found.high:.3g} {line.unit}.",
-            {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps."))
+            {"at_most": found.high}, "Smaller torque steps around zero shaft torque show smaller gaps.", name))
     else:
         # What the explanations disagree in is beyond the profile, which is of one of them.
         apart = Z95 * (line.std_structure or 0.0)
@@ -224,7 +224,7 @@ def _by_profile(estimate: Estimate, name: str, found: Profile) -> Estimate:
         high = line.value + np.hypot(found.high - line.value, apart)
         new = replace(line, ci95=(max(low, 0.0), high), status="fitted",
                       std=line.std if line.std is not None else (high - low) / (2.0 * Z95))
-    findings = [f for f in findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
+    findings = without_untold(findings, {name})
     curve = Exhibit("profile", f"Profile likelihood of {name}", f"{name} [{line.unit}]",
                     "rise of -log likelihood", {
                         "profile": (found.values, found.rise),
@@ -251,7 +251,7 @@ def without_ambiguous(estimate: Estimate, outcome: Outcome, gaps: Sequence[str])
         findings.append(Finding(
             "warning", "half-gap-ambiguous",
             f"Half gaps from {low:.3g} to {high:.3g} {lines[i].unit} explain this record equally well.",
-            {"low": low, "high": high}, "Record torque steps that cross the gap both ways."))
+            {"low": low, "high": high}, "Record torque steps that cross the gap both ways.", g))
     return replace(estimate, parameters=tuple(lines), findings=tuple(findings))
 
 
@@ -275,7 +275,7 @@ def _one_sided_contact(estimate: Estimate, outcome: Outcome, gaps: Sequence[str]
             findings.append(Finding(
                 "warning", "gap-not-crossed",
                 f"The gap opened {counts['opened']} times but its other side was never reached: {g} is known "
-                f"only from below.", counts, "Record torque steps of both signs."))
+                f"only from below.", counts, "Record torque steps of both signs.", g))
     return replace(estimate, findings=tuple(findings))
 
 
@@ -293,7 +293,7 @@ def _not_crossed(task: Task, drive: Drive, shut: Sequence[str], closed: dict[str
             f"The shaft torque stays between {c.least:.3g} and {c.most:.3g} {drive.torque_unit} and never changes "
             f"sign: this record does not open the gap, and says nothing about {g}.",
             {"least_shaft_torque": c.least, "largest_shaft_torque": c.most},
-            "Record alternating torque steps larger than the idle torque."))
+            "Record alternating torque steps larger than the idle torque.", g))
         value = drive.value(g) or 0.0
         lines.append(Parameter(g, value, drive.unit(g), value, status="not-identifiable",
                                reason="the gap was not opened in this record"))

@@ -80,12 +80,12 @@ def _of_line(line: Parameter, drive: Drive) -> list[Finding]:
         return [Finding("note" if line.name.endswith(".viscous") else "warning", "not-identifiable",
                         f"{line.name} cannot be told from this record: {line.reason}.",
                         {"value": line.value} if np.isfinite(line.value) else {},
-                        experiment_for(line.name, drive))]
+                        experiment_for(line.name, drive), line.name)]
     if line.status == "at-bound":
         surely = line.ci95 is not None and line.ci95[1] <= 0.0
         return [Finding("warning" if surely else "note", "damping-not-told",
                         f"{line.name} {line.reason}; it was set to zero.", {},
-                        "Longer between the steps the oscillation shows how it dies out.")]
+                        "Longer between the steps the oscillation shows how it dies out.", line.name)]
     return []
 
 

@@ -14,7 +14,14 @@ import numpy as np
 from drivetool.drive.chain import Drive
 from drivetool.drive.dual import Dual
 from drivetool.identify.blackbox_findings import bode, converted_run, findings_of, lacking
-from drivetool.identify.compose import how_it_ended, noise_figures, one_step_percent, record_exhibits
+from drivetool.identify.compose import (
+    CORRELATED,
+    how_it_ended,
+    noise_figures,
+    one_step_percent,
+    record_exhibits,
+    still_correlated,
+)
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 from drivetool.identify.fit_percent import fit_percent
@@ -104,7 +111,7 @@ def estimate_of(physical: Physical, outcome: Outcome, gain: float) -> Estimate:
         "blackbox", after, lines, how_it_ended(outcome), figures, _covariance(physical, lines, numbers, sure),
         noise, {**figured, "log_likelihood_gain_of_the_shaft": gain if np.isfinite(gain) else None,
                 "starts": list(outcome.starts), "outputs": list(task.roles.outputs)},
-        (*own, *more), sources(task.experiments), {},
+        (*own, *more, *([CORRELATED] if still_correlated(outcome) else [])), sources(task.experiments), {},
         (*record_exhibits(outcome, traces, runs), bode(form, outcome, drive)))
 
 

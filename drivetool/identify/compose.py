@@ -29,12 +29,17 @@ from drivetool.logs.experiment import sources
 CONTRADICTED = 8.0  # standard deviations between what two steps found
 OF_A_SIDE = 3.0  # the same of a body's own friction: chance alone tops it in one of 370
 STILL = 2.0  # log likelihood gained in three rounds by a fit that has not settled
+CORRELATED = Finding(
+    "warning", "innovations-correlated",
+    "One-step errors are still correlated: the model leaves something out, and the intervals are conditional on "
+    "its structure.", {}, "Run validate, then diagnose.")
 
 
 def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Finding] = (),
             details: Mapping[str, object] | None = None,
             fit: Mapping[str, float | int | None] | None = None,
-            known: Covariance | None = None, explanation: Explanation | None = None) -> Estimate:
+            known: Covariance | None = None, explanation: Explanation | None = None,
+            correlated: Finding = CORRELATED) -> Estimate:
     """The Estimate of a step.
 
     before    the drive with its start values
@@ -42,6 +47,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
     fit       further figures
     known     covariance of the values the step was given
     explanation  of which the outcome is the fit; the drive is reported without its laws
+    correlated   what is said where one-step errors are still correlated
     """
     task, own = outcome.task, outcome.task.at_point(outcome.solution.point)
     if explanation is not None:
@@ -59,10 +65,13 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         **(fit or {}),
     }
     noise, noise_findings = noise_figures(outcome)
-    if explains(traces, runs):
+    exact = explains(traces, runs)
+    repeats = not exact and still_correlated(outcome)
+    if exact:
         role, unit = task.roles.outputs[0], _unit(task.roles.outputs[0], task.experiments[0])
-        noise_findings = [*(f for f in noise_findings if f.code != "innovations-correlated"),
-                          rounding_alone(f"the {role.replace('_', ' ')}", figures["rmse"], unit)]
+        noise_findings.append(rounding_alone(f"the {role.replace('_', ' ')}", figures["rmse"], unit))
+    if repeats:
+        noise_findings.append(correlated)
     return Estimate(
         step, own.drive, lines, how_it_ended(outcome), figures, covariance, noise,
         {**(details or {}), "starts": list(outcome.starts), "outputs": list(task.roles.outputs),
@@ -71,7 +80,7 @@ def compose(step: str, before: Drive, outcome: Outcome, findings: Sequence[Findi
         sources(task.experiments), {},
         record_exhibits(outcome, traces, runs), starts_of(outcome),
         *(("", ()) if explanation is None else (explanation.sentence, explanation.laws)),
-        repeats="innovations-correlated" in {f.code for f in noise_findings})
+        repeats=repeats)
 
 
 def _lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None, explanation: Explanation | None,
@@ -86,25 +95,25 @@ def _lines(before: Drive, own: Task, outcome: Outcome, known: Covariance | None,
     if outcome.fit is not None:
         extra = _plus(extra, from_noise_doubt(problem, outcome.fit))
     known_too = replace(before, known_torques=after.known_torques)
-    lines, covariance, more = parameters_of(problem, outcome.solution, known_too, after, extra)
+    lines, covariance, untold = parameters_of(problem, outcome.solution, known_too, after, extra)
     own_sides = any(r.endswith("_torque") for r in outcome.task.roles.outputs)
-    more = (*more, *contradicted(known, before, after, covariance, own_sides), *_not_begun_so(outcome))
+    more = [*contradicted(known, before, after, covariance, own_sides), *_not_begun_so(outcome)]
     line, names = None, problem.names
     if explanation is not None:
         lines, covariance = told(lines, explanation, extra)
         line, names = explanation.line, own.free
     repeats = repeats_of([] if unsettled(outcome) else told_by_each(outcome), line)
     lines, covariance, varies = with_scatter(lines, covariance, names, repeats, own.drive)
-    more = (*more, *varies)
+    more += varies
     if only_ratios(outcome):
         lines, ratios = without_sizes(lines, outcome)
-        more = (*(f for f in more if f.code != ratios.code), ratios)
+        untold, more = (), [*more, ratios]
     lines, covariance = told_together(lines, covariance, own, known)
     if unsettled(outcome):
-        lines, covariance, more = without_intervals(lines), None, (*more, _not_settled(outcome))
+        lines, covariance, more = without_intervals(lines), None, [*more, _not_settled(outcome)]
     if explanation is not None and explanation.worthless:
         lines, covariance = without_intervals(lines, "the logged torque explains nothing"), None
-    return lines, covariance, (*more, *held)
+    return lines, covariance, (*untold, *more, *held)
 
 
 def _known_start(task: Task) -> dict[str, object]:
@@ -324,12 +333,12 @@ def noise_figures(outcome: Outcome) -> tuple[dict[str, float], list[Finding]]:
             "note", "torque-command-assumed",
             "The logged torque is taken as the command, with the noise between it and the shaft.", {},
             "State torque_is: command or measurement in the channel map."))
-    if looks_coloured(outcome.fit.passes):
-        findings.append(Finding(
-            "warning", "innovations-correlated",
-            "One-step errors are still correlated: the model leaves something out, and the intervals are "
-            "conditional on its structure.", {}, "Run validate, then diagnose."))
     return noise, findings
+
+
+def still_correlated(outcome: Outcome) -> bool:
+    """Whether one-step errors are correlated with each other: the model leaves something out."""
+    return outcome.fit is not None and looks_coloured(outcome.fit.passes)
 
 
 def record_exhibits(outcome: Outcome, traces, runs) -> tuple[Exhibit, ...]:

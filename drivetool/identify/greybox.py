@@ -15,7 +15,7 @@ import numpy as np
 from drivetool.drive.chain import TOTALS, Drive, shared
 from drivetool.errors import BadOption, DriveToolError, Finding
 from drivetool.identify.channel_doubt import doubted_channels
-from drivetool.identify.compose import compose
+from drivetool.identify.compose import compose, unsettled
 from drivetool.identify.contact import opened_gaps
 from drivetool.identify.engine import (
     Outcome,
@@ -52,7 +52,6 @@ from drivetool.logs.samples.unmeasured import measured
 
 ALL = "all"  # after --free: whatever a grey-box fit frees
 HOLDOUT = 0.3  # share of each record on which the two criteria are compared
-LACKING = {"innovations-correlated", "model-error", "not-settled"}  # findings of a fit that something is missing
 SHOWS = 6.0  # log likelihood by which a dry friction of another size must be better to be freed unasked
 
 
@@ -87,7 +86,9 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     chosen_fit = explained(white, options, bool(least))
     explanation, outcome = chosen_fit.explanation, chosen_fit.outcome
     figures, findings = ({}, list(explanation.findings)) if explanation else both_criteria(outcome, options)
-    settled = explanation is not None and not explanation.worthless
+    model_lacks = explanation.lacks if explanation else bool(findings)
+    worthless = explanation is not None and explanation.worthless
+    settled = explanation is not None and not worthless
     found = explanation.own.drive if settled else outcome.drive
     findings = [*left, *doubted_channels(task, found, settled), *findings]
     figures["noise_parameters"] = 0 if outcome.fit is None else outcome.fit.noise.parameters
@@ -96,7 +97,8 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
     if chosen_fit.alone:
         estimate = replace(estimate, explanation=chosen_fit.alone)
     estimate = replace(estimate, findings=(*torque_timing(white), *estimate.findings))
-    lacking = {f.code for f in estimate.findings} & LACKING
+    astray = unsettled(outcome)
+    lacking = estimate.repeats or model_lacks or astray
     if lacking:
         contradicted = contradicted_holds(task, white, options, asked)
         estimate = replace(estimate, findings=(*contradicted, *estimate.findings))
@@ -105,7 +107,7 @@ def greybox(experiments: Sequence[Experiment], drive: Drive, options: Options) -
         estimate = replace(estimate, findings=(*estimate.findings, *opened))
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
-    estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(estimate, task)))
+    estimate = replace(estimate, findings=(*estimate.findings, *torque_is_the_answer(astray or worthless, task)))
     estimate = told_by(estimate, worth_of_shafts(white))
     return without_shaft(estimate, lack_of(*chosen_fit.rivals), drive.shafts[0]) if drive.shafts else estimate
 
@@ -225,9 +227,11 @@ def both_criteria(outcome: Outcome, options: Options) -> tuple[dict[str, float],
     return figures, []
 
 
-def torque_is_the_answer(estimate: Estimate, task: Task) -> list[Finding]:
-    """A motion that no torque explains, and a torque that answers it: then the torque is the question."""
-    failed = {f.code for f in estimate.findings} & {"not-settled", "explains-nothing"}
+def torque_is_the_answer(failed: bool, task: Task) -> list[Finding]:
+    """A motion that no torque explains, and a torque that answers it: then the torque is the question.
+
+    failed  whether the fit that simulates the motion did not settle, or explains nothing
+    """
     if not failed or not feedback_in(task.experiments, task.roles.outputs[0]).there:
         return []
     return [Finding(

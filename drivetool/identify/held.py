@@ -40,7 +40,7 @@ def contradicted_holds(task: Task, outcome: Outcome, options: Options, asked: Op
                 f"{name} is held at {given:.4g} {unit}, where the record asks for {value:.4g}: log likelihood "
                 f"{gain:.0f} higher. What is fitted makes up for it and goes astray.",
                 {"log_likelihood_gain": gain, "record_asks_for": value},
-                f"Fit it too, with --free {name}, or correct it with --set {name}=VALUE."))
+                f"Fit it too, with --free {name}, or correct it with --set {name}=VALUE.", name))
     return found
 
 

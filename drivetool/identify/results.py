@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -106,7 +106,8 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
             lines[name] = Parameter(*common, None, None, "not-identifiable", reason)
             findings.append(Finding(
                 "warning", "not-identifiable", f"{name} cannot be told from this record: {reason}.",
-                {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after)))
+                {"value": value, **({"std": std} if std is not None else {})}, experiment_for(name, after),
+                parameter=None if name in after.known_torques else name))  # the factor of a law is none of a drive
         else:
             ci = (max(value - Z95 * std, float(low)), min(value + Z95 * std, float(high)))
             lines[name] = Parameter(*common, std, ci, "fitted")
@@ -118,6 +119,11 @@ def parameters_of(problem: Problem, solution: Solution, before: Drive, after: Dr
     matrix = covariance[np.ix_(kept, kept)]
     shared = Covariance(tuple(problem.names[j] for j in kept), matrix) if kept else None
     return tuple(lines[n] for n in order), shared, tuple(findings)
+
+
+def without_untold(findings: Sequence[Finding], names: Collection[str]) -> list[Finding]:
+    """The findings but those that a fit cannot tell one of these parameters: of it something else is said."""
+    return [f for f in findings if not (f.code == "not-identifiable" and f.parameter in names)]
 
 
 def _why_held(name: str) -> str:

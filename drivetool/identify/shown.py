@@ -14,6 +14,7 @@ import numpy as np
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance, Estimate, without_intervals
 from drivetool.identify.innovations import Fit, fit_innovations
+from drivetool.identify.results import without_untold
 from drivetool.identify.setup import first_point
 from drivetool.identify.task import Outcome, has_gap
 
@@ -72,8 +73,7 @@ def not_of_shaft(estimate: Estimate, shaft: str, reason: str) -> Estimate:
         index = [i for i, n in enumerate(kept.names) if n not in names]
         kept = Covariance(tuple(kept.names[i] for i in index), kept.matrix[np.ix_(index, index)]) if index else None
     # What the fit said of each of them by itself, it said of another drive.
-    others = [f for f in estimate.findings
-              if not (f.code == "not-identifiable" and f.text.partition(" ")[0] in names)]
+    others = without_untold(estimate.findings, names)
     return replace(estimate, parameters=lines, covariance=kept, findings=tuple(others))
 
 

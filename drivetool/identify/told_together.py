@@ -67,7 +67,8 @@ def without_sizes(lines: Sequence[Parameter], outcome: Outcome) -> tuple[tuple[P
     return found, Finding(
         "warning", "not-identifiable",
         f"{', '.join(sorted(torques))} can be told from this record over each other only: no torque of known size "
-        "acts.", {}, "Record while the motor drives, or hold one of them at a known value with --hold.")
+        "acts.", {}, "Record while the motor drives, or hold one of them at a known value with --hold.",
+        next((p.name for p in lines if {p.name} == torques), None))
 
 
 def _one_way(lines: Sequence[Parameter], task: Task, known: Sequence[str]) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ from drivetool.identify.estimate import Estimate, Parameter
 from drivetool.identify.least_squares import solve
 from drivetool.identify.noise import filtered, minus_log_likelihood
 from drivetool.identify.problem import Point
-from drivetool.identify.results import covariance_of
+from drivetool.identify.results import covariance_of, without_untold
 from drivetool.identify.search import values_of
 
 WIDE = 100.0  # times the half gap found: more than any travel
@@ -103,13 +103,12 @@ def unbounded(line: Parameter, low: float) -> tuple[Parameter, Finding]:
     new = replace(line, std=None, ci95=None, status="not-identifiable",
                   reason="the likelihood is flat towards larger gaps")
     return new, Finding("warning", "half-gap-unbounded", f"{line.name} has no upper limit in this record.",
-                        {"at_least": low}, "Record torque steps that cross the gap both ways.")
+                        {"at_least": low}, "Record torque steps that cross the gap both ways.", line.name)
 
 
 def from_below(estimate: Estimate, name: str, low: float) -> Estimate:
     """Say that a half gap is known only from below."""
     line = next(p for p in estimate.parameters if p.name == name)
     new, finding = unbounded(line, low)
-    kept = [f for f in estimate.findings if not (f.code == "not-identifiable" and f.text.startswith(name + " "))]
     return replace(estimate, parameters=tuple(new if p.name == name else p for p in estimate.parameters),
-                   findings=(*kept, finding))
+                   findings=(*without_untold(estimate.findings, {name}), finding))

@@ -14,9 +14,9 @@ from drivetool.check.fit.between_records import Change, told_apart
 from drivetool.check.report import size as sizing
 from drivetool.check.report.sentence import experiment_of, sentence_of
 from drivetool.check.report.size import sizes_of
-from drivetool.check.report.story import _as_told, in_the_base
+from drivetool.check.report.story import in_the_base, of_correlated_errors
 from drivetool.check.search.result import Found
-from drivetool.errors import Finding
+from drivetool.identify.compose import CORRELATED
 from drivetool.identify.estimate import Covariance, Parameter
 
 NOISE = 0.02  # rad/s of the sensor
@@ -118,11 +118,8 @@ def test_a_fault_of_the_record_is_not_one_of_the_simulation(causes, found, begin
     ((), "warning", "What is left has no name"),
     (("quantisation",), "note", "as the steps of the logger make them")])
 def test_no_diagnosis_sends_the_user_to_a_diagnosis(faults, severity, text):
-    left = Finding("warning", "innovations-correlated", "Still correlated.", {}, "Run validate, then diagnose.")
-    told = _as_told(left, [Fault(code, left) for code in faults])
+    told = of_correlated_errors([Fault(code, CORRELATED) for code in faults])
     assert told.severity == severity and text in f"{told.text} {told.action}" and "diagnose" not in told.action
-    other = Finding("warning", "not-settled", "Not settled.", {}, "Run it again.")
-    assert _as_told(other, ()) == other
 
 
 def line(name, value, unit, std=None):

@@ -128,7 +128,7 @@ WRONG = {
 def test_wrong_model_is_caught(room, name, factors, wanted):
     found = judged(room, name, **factors)
     assert codes(found) >= wanted | {"residual-depends-on-input"}
-    assert found.checks[0].correlation_p < 0.01
+    assert found.checks[0].correlation_p < 0.01 and found.unexplained
     assert found.checks[0].passed == ("correlation-above-limit" not in codes(found))
     assert found.checks[0].passed or found.verdict.startswith("Not passed")
     if "load__idle_torque" not in factors:  # which torque noise estimated here takes for its own

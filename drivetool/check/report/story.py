@@ -26,7 +26,7 @@ from drivetool.check.report.view import view_of
 from drivetool.check.report.which_body import untold_bodies
 from drivetool.drive.chain import Drive
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.compose import compose
+from drivetool.identify.compose import CORRELATED, compose
 from drivetool.identify.engine import Outcome
 from drivetool.identify.estimate import Estimate, Exhibit
 from drivetool.identify.innovations import Fit, fit_innovations, settle
@@ -67,21 +67,18 @@ def tell(search: Searched, before: Drive, options: DiagnoseOptions) -> Diagnosis
         if found.rule == DIFFERS:
             experiment, sentence = said[-1].action, told_apart(search.change, search.model)
     return Diagnosis(
-        replace(estimate, findings=(*said, *(_as_told(f, search.faults) for f in estimate.findings)),
-                outcome=sentence), found.verdict,
+        replace(estimate, findings=(*said, *estimate.findings), outcome=sentence), found.verdict,
         found.causes, found.between, experiment,
         dict(search.found.evidence), gain, tuple(search.rounds), sentence, _exhibits(search, before, gain),
         causes if found.verdict == "unexplained" else (), found.rule, facts)
 
 
-def _as_told(finding: Finding, faults: Sequence[Fault]) -> Finding:
-    """A finding of the last fit: after a diagnosis it cannot send the user to one."""
-    if finding.code != "innovations-correlated":
-        return finding
+def of_correlated_errors(faults: Sequence[Fault]) -> Finding:
+    """What is said of correlated errors of the last fit: after a diagnosis it cannot send the user to one."""
     if "quantisation" in {f.code for f in faults}:
-        return replace(finding, severity="note", action="",
-                       text="One-step errors are still correlated, as the steps of the logger make them.")
-    return replace(finding, action="What is left has no name in the catalogue.")
+        return Finding("note", "innovations-correlated",
+                       "One-step errors are still correlated, as the steps of the logger make them.")
+    return replace(CORRELATED, action="What is left has no name in the catalogue.")
 
 
 def in_the_base(rounds: Sequence[Round], estimate: Estimate) -> list[str]:
@@ -126,7 +123,7 @@ def estimate_of(search: Searched, before: Drive, options: DiagnoseOptions) -> Es
     outcome = confirmed(Outcome(task, problem, fit.solution, replace(fit, converged=settled), (), settled))
     outcome, least = all_uncrossed(outcome)
     start = replace(task.drive, values={**task.drive.values, **before.values})
-    estimate = compose("diagnose", start, outcome)
+    estimate = compose("diagnose", start, outcome, correlated=of_correlated_errors(search.faults))
     for name, low in least.items():
         estimate = from_below(estimate, name, low)
     return replace(estimate, options={"candidates": list(options.candidates), "error_budget": options.error_budget,

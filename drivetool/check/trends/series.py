@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drivetool.finding_codes import SUMMED
 from drivetool.logs.summary import Row
 
 DAY = 86400.0  # s
@@ -14,7 +15,7 @@ DAY = 86400.0  # s
 NOT_MEASURED = ("held", "not-identifiable")
 AT_BOUND = "at-bound"  # a value without a std, and yet by its recording
 # Where a recording turns one way, a friction stands for the sum of both: no value of a series of one of them.
-TOGETHER, SUMMED = "idle-and-coulomb-together", (".idle_torque", ".coulomb")
+FRICTIONS = (".idle_torque", ".coulomb")
 LARGEST = 1e100  # of a value or a std: the square of a larger one is soon none
 # Relative; a summary has values as the files have them, with 10 significant digits.
 EQUAL = 1e-9
@@ -100,7 +101,7 @@ def _series(key: tuple[str, str, str, str, str], group: Sequence[Row]) -> Series
 
 def _told(row: Row) -> bool:
     """Whether the row has a value that was fitted to its recording."""
-    summed = TOGETHER in row.findings and (row.parameter or "").endswith(SUMMED)
+    summed = not SUMMED.isdisjoint(row.findings) and (row.parameter or "").endswith(FRICTIONS)
     return row.value is not None and abs(row.value) < LARGEST and row.status not in NOT_MEASURED and not summed
 
 

@@ -77,6 +77,11 @@ def of_check(check: RecordCheck, correlation: Correlation | None, options: Valid
     return found
 
 
+def depends_on_torque(check: RecordCheck, options: ValidateOptions) -> bool:
+    """Whether what is left depends on the torque; what could not be tested does not."""
+    return check.max_correlation > options.max_correlation or check.correlation_p < ALARM
+
+
 def of_fit(check: RecordCheck, options: ValidateOptions,
            less: str = "A free run explains less of") -> list[Finding]:
     """The bar of the fit, or none at all, missed; less: what explains less than a constant."""

@@ -90,7 +90,10 @@ class RecordCheck:
 
 @dataclass(frozen=True)
 class Validation:
-    """Every model on every record, in the order given; verdict is one sentence."""
+    """Every model on every record, in the order given; verdict is one sentence.
+
+    unexplained  whether a residual depends on the torque: the model lacks something
+    """
 
     checks: tuple[RecordCheck, ...]
     verdict: str
@@ -98,3 +101,4 @@ class Validation:
     data: tuple[Source, ...] = ()
     options: Mapping[str, object] = field(default_factory=dict)
     exhibits: tuple[Exhibit, ...] = ()
+    unexplained: bool = False

@@ -73,7 +73,8 @@ def validate(experiments: Sequence[Experiment], models: Sequence[Model], options
     unseen = [e.sha256 not in hashes for hashes in seen for e in experiments]
     return Validation(
         tuple(checks), remarks.verdict(checks, options, any(unseen), limited, to_rounding), tuple(findings),
-        tuple(e.source for e in experiments), {}, tuple(exhibits))
+        tuple(e.source for e in experiments), {}, tuple(exhibits),
+        any(remarks.depends_on_torque(check, options) for check in checks))
 
 
 def _correlation(run: Replay, m: int, experiment: Experiment, drive: Drive, seed: int) -> Correlation | None:

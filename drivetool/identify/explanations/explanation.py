@@ -74,6 +74,7 @@ class Explanation:
     figures        fit of free runs to the speed [%]: of the drive alone, and with the laws
     findings       what follows for the drive
     worthless      whether the logged torque explains nothing
+    lacks          whether the drive lacks something that the findings name
     asked          (k,) whether other explanations were asked for a parameter; None: for all
     """
 
@@ -88,6 +89,7 @@ class Explanation:
     figures: Mapping[str, float]
     findings: tuple[Finding, ...]
     worthless: bool
+    lacks: bool
     asked: np.ndarray | None = None
 
 
@@ -148,7 +150,7 @@ def explain(field: Field) -> Explanation | None:
     laws = _found(field, c) if name.endswith("laws") else ()
     # Of a measured torque no fit by innovations is asked, however likely.
     likelier = not measured and _value(field, name) - _value(field, "coloured, laws") > LIKELIER
-    findings = _findings(field.candidates[name], likelier, laws, noise, structure, task)
+    findings, lacks = _findings(field.candidates[name], likelier, laws, noise, structure, task)
     figures = {"speed_fit_percent": field.judge.fit_percent(own)}
     if laws:
         figures["speed_fit_percent_with_laws"] = field.judge.fit_percent(c.task)
@@ -166,7 +168,7 @@ def explain(field: Field) -> Explanation | None:
             worthless, findings = True, (*findings, _nothing_accelerates(errors[name], straight))
     sentence = _sentence(field, errors, name, laws, measured)
     return Explanation(sentence, outcome, own, noise, structure, covariance, c.line, laws, figures, findings,
-                       worthless, _asked(field, errors, task.free, measured))
+                       worthless, lacks, _asked(field, errors, task.free, measured))
 
 
 def _error(field: Field, c: Candidate) -> float:
@@ -323,8 +325,8 @@ def _sentence(field: Field, errors: Mapping[str, float], name: str, laws: Sequen
 
 
 def _findings(c: Candidate, likelier: bool, laws: Sequence[FoundLaw], noise: np.ndarray, structure: np.ndarray,
-              task: Task) -> tuple[Finding, ...]:
-    """Whether the model lacks something, and the best guess.
+              task: Task) -> tuple[tuple[Finding, ...], bool]:
+    """(what is said, whether the model lacks something), with the best guess.
 
     likelier  whether coloured noise is likelier than the candidate that was chosen
     """
@@ -332,9 +334,8 @@ def _findings(c: Candidate, likelier: bool, laws: Sequence[FoundLaw], noise: np.
     unfelt = _unfelt(laws, task) if heavy.pop(UNFELT, 0.0) else ()
     values = np.abs(c.own)
     doubted = np.any(structure > np.maximum(DOUBTED * noise, WEIGHTY * values))
-    if not (heavy or likelier or doubted):
-        return unfelt
-    return (*unfelt, model_error(heavy))
+    lacks = bool(heavy or likelier or doubted)
+    return (*unfelt, *([model_error(heavy)] if lacks else [])), lacks
 
 
 def _unfelt(laws: Sequence[FoundLaw], task: Task) -> tuple[Finding, ...]:

@@ -155,8 +155,7 @@ def _fitted(experiments: Sequence[Experiment], spans: Sequence[Span], start: Dri
         cut = [averaged(e, mine, length) for k, e in enumerate(experiments)
                if (mine := [s for s in spans if s.recording == k])]
         found = greybox(cut, start, options)
-        correlated = "innovations-correlated" in {f.code for f in found.findings}
-        if not correlated or longest < 2 * length * FEWEST:
+        if not found.repeats or longest < 2 * length * FEWEST:
             return found, cut
         length *= 2
 
@@ -217,7 +216,8 @@ def in_the_drive(found: Estimate, drive: Drive, rigid: Rigid) -> Estimate:
             text = text.replace(old, new if old != "motor.inertia" else "the inertia at the motor")
         return text
 
-    findings = tuple(replace(f, text=named(f.text), action=named(f.action)) for f in found.findings)
+    findings = tuple(replace(f, text=named(f.text), action=named(f.action), parameter=rigid.names.get(
+        f.parameter or "")) for f in found.findings)
     order = list(drive.quantities)
     return replace(found, drive=drive.with_values(values), covariance=covariance, findings=findings,
                    parameters=tuple(sorted(lines.values(), key=lambda p: order.index(p.name))))

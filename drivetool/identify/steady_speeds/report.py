@@ -98,7 +98,7 @@ def line_findings(task: Task, points: Points, line: Line, drive: Drive, interval
             "warning" if value < -2 * std else "note", f"negative-{key}",
             f"{name} came out negative ({value:.4g} +- {std:.2g}) and was set to zero.",
             {"value": value, "std": std},
-            "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign."))
+            "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign.", name))
     if line.unexplained:
         found.append(Finding(
             "warning", "scatter-beyond-noise", f"The steady points ({task.what}) scatter {line.rmse:.3g} "
