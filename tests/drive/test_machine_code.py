@@ -130,7 +130,7 @@ def changed(kept, what):
 LOAD = """
 import shutil, subprocess, sys, time
 from pathlib import Path
-from drivetool.drive import machine_code
+import drivetool.drive.machine_code as machine_code
 
 def run(words, **_):
     with open("log", "a") as log:
