@@ -1,4 +1,4 @@
-"""Compile parts of the kernel into object files: `python -m drivetool.drive.build FOLDER FILE.NAME ...`."""
+"""Compile parts of the kernel into object files: `python -m` this module, FOLDER FILE.NAME ..."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.machine_code import store, symbol
+from drivetool.drive.machine_code import KERNEL, store, symbol
 from drivetool.drive.numba_private import leave_to_the_end
 
 # What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
@@ -21,7 +21,7 @@ FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]
 def build(part: str, folder: Path) -> None:
     """Write the object file of a part."""
     file, name = part.split(".")
-    made = getattr(importlib.import_module(f"drivetool.drive.{file}"), name).made()
+    made = getattr(importlib.import_module(f"{KERNEL}.{file}"), name).made()
     code = made.inspect_llvm().replace(made.native_name, symbol(name))
     code = FOREIGN.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
     if "declare void @llvm.trap()" not in code:

@@ -45,7 +45,11 @@ MARK = b"""Signature: 8a477f597d28d172789f06886806bc55
 # Machine code of drivetool's kernel. It may be deleted at any time, and is compiled again.
 """
 OURS = ("*.o", "*.part", "lock", "*.code")  # other files written here; the last for tune
-OF_NUMBA = "tune_*"  # the folder in which it does so
+# The folders in which it does so. Numba names them after the folder of the function: of older versions, and now.
+OF_NUMBA = ("tune_*", "speed_loop_*")
+
+# What is compiled lies below it, and in its own cache the machine code is kept first.
+SOURCES = Path(importlib.util.find_spec("drivetool.drive").submodule_search_locations[0])
 
 _temporary: list[tempfile.TemporaryDirectory] = []  # gone when this process ends
 
@@ -72,8 +76,7 @@ def _numba_version() -> str:
 
 def folder_name() -> str:
     """Carries a hash of all sources of the kernel, for any part may call any function, and of the versions."""
-    here = Path(__file__).parent
-    sources = b"".join(file.read_bytes() for file in sorted(here.rglob("*.py")))
+    sources = b"".join(file.read_bytes() for file in sorted(SOURCES.rglob("*.py")))
     return "kernel-" + hashlib.sha256(sources + versions().encode()).hexdigest()[:16]
 
 
@@ -115,7 +118,7 @@ def folder() -> Path:
 
 def _places() -> list[Path]:
     """Folders that keep those of all versions, the best first, without links."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(os.path.dirname(__file__), "__pycache__")
+    chosen = os.environ.get("NUMBA_CACHE_DIR") or SOURCES / "__pycache__"
     home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     bases = [chosen, os.path.join(home, "drivetool")] if os.path.isabs(home) else [chosen]
     return [Path(os.path.realpath(base)) for base in bases]
@@ -205,7 +208,7 @@ def _marked(folder: Path) -> bool:
 
 def _remove(folder: Path) -> None:
     """Remove a folder with what is ours in it; one that holds anything else stays, with that and the marker."""
-    inner = [f for f in folder.glob(OF_NUMBA) if stat.S_ISDIR(f.lstat().st_mode)]
+    inner = [f for kind in OF_NUMBA for f in folder.glob(kind) if stat.S_ISDIR(f.lstat().st_mode)]
     for place in (*inner, folder):
         for file in list(place.iterdir()):
             if any(fnmatch.fnmatch(file.name, kind) for kind in OURS) and stat.S_ISREG(file.lstat().st_mode):

@@ -25,6 +25,8 @@ from drivetool.drive.system import MADE_FOR, MOST_LAWS, MOST_STATES
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
+KERNEL = "drivetool.drive"  # where the files of the parts are
+
 # The parts, file and name: the first group that has a part which is needed is compiled as far as it is not whole
 # yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
 # Two lines, for a third on two cores keeps one of them from the longest.
@@ -83,7 +85,7 @@ def _missing(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
 def _compile(parts: list[str]) -> None:
     """Compile parts in a process of their own."""
     # From the current folder Python imports first, and Numba takes settings: it is one that holds neither.
-    done = subprocess.run([sys.executable, "-m", "drivetool.drive.build", str(folder()), *parts],
+    done = subprocess.run([sys.executable, "-m", f"{__package__}.build", str(folder()), *parts],
                           capture_output=True, text=True, env=_environment(), cwd=folder())
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,27 +12,12 @@ from drivetool.logs.channel_map import ChannelMap, RoleEntry, choose_channels, r
 from drivetool.logs.experiment import Channel, Recording
 from drivetool.logs.roles import MOTORS, is_motion, ordered, quantity
 from drivetool.logs.samples.wrap import looks_unsigned, looks_wrapped, unwrap
+from drivetool.logs.signals import Signal
 from drivetool.logs.units import COUNTS, PERCENT, RELATIVE, parse_unit
 from drivetool.quantity import ELECTRIC
 
 # What no drive reaches, in any unit, and whose square is still a number.
 BEYOND = 1e100
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A role's signal on its own clock.
-
-    time, values  (n,) [s], and in the SI unit `si`; finite
-    without       (k,) stamps of rows or messages without a value [s]; they are no samples
-    broken        number of samples among them whose value is infinite or impossibly large
-    """
-
-    time: np.ndarray
-    values: np.ndarray
-    si: str
-    without: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    broken: int = 0
 
 
 def to_signals(recording: Recording, chosen: Mapping[str, str],

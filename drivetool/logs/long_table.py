@@ -11,11 +11,10 @@ from drivetool.logs.channel_map import ChannelMap
 from drivetool.logs.clocks.table_time import table_time, time_column
 from drivetool.logs.columns import numbers
 from drivetool.logs.experiment import Channel, Recording
+from drivetool.logs.reader import Choose
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from drivetool.logs.read import Choose
 
 CHANNEL_NAMES = ("channel", "signal", "name", "variable", "tag", "topic", "parameter")
 VALUE_NAMES = ("value", "values", "data")

@@ -17,13 +17,12 @@ from drivetool.logs.clocks.table_time import from_step, origin_of, table_time, t
 from drivetool.logs.columns import flat_names, numbers, steps_of, unit_of
 from drivetool.logs.experiment import Channel, Recording, shown
 from drivetool.logs.long_table import is_long, read_long
+from drivetool.logs.reader import Choose
 from drivetool.logs.roles import ROLES
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    from drivetool.logs.read import Choose
 
 
 def read_parquet(path: Path, choose: Choose, channel_map: ChannelMap | None,

@@ -12,8 +12,8 @@ import numpy as np
 from drivetool.errors import BadOption, Finding, NotEnoughData
 from drivetool.logs.clocks.clock import usual_step
 from drivetool.logs.condition import LEAST, Step
-from drivetool.logs.convert import Signal
 from drivetool.logs.roles import INPUTS
+from drivetool.logs.signals import Signal
 
 Part = tuple[float, float]
 WHOLE: tuple[Part, ...] = ((0.0, math.inf),)

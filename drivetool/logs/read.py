@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -13,19 +13,17 @@ from drivetool.errors import BadRecording
 from drivetool.logs.channel_map import ChannelMap, choose_channels
 from drivetool.logs.experiment import Recording, shown
 from drivetool.logs.parquet import read_parquet
-
-# Given the names of all channels in a log, those to read.
-Choose = Callable[[Sequence[str]], Sequence[str]]
+from drivetool.logs.reader import Choose, Reader
 
 
-def read_mcap(*asked) -> Recording:
+def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
     """See drivetool.logs.mcap.read; imported here, since a Parquet log does not need it."""
     from drivetool.logs.mcap.read import read_mcap as read
 
-    return read(*asked)
+    return read(path, choose, channel_map, lenient)
 
 
-READERS = {".parquet": read_parquet, ".mcap": read_mcap}
+READERS: Mapping[str, Reader] = {".parquet": read_parquet, ".mcap": read_mcap}
 
 
 def read_recording(path: str | Path, channel_map: ChannelMap | None = None,

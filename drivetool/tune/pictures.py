@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivetool.tune.criteria import impact_drops, signals, values
+from drivetool.tune.gains import Design, Gains
 from drivetool.tune.hunting import Watch
 from drivetool.tune.loop import Loop, build
 from drivetool.tune.scenarios import Draws, Spread
 from drivetool.tune.sensitivity import Plant, plant, refined
-
-if TYPE_CHECKING:
-    from drivetool.tune.gains import Design, Gains
 
 POINTS = 72  # per axis of a plane
 

@@ -106,7 +106,7 @@ def test_a_link_above_it_is_resolved_once(monkeypatch, places, tmp_path):
 def test_what_is_made_is_private_whatever_the_mask(monkeypatch, places):
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setattr(code_folder, "folder_name", lambda: NAME)
-    monkeypatch.setattr(code_folder, "__file__", str(places[0].parent / "no" / "code_folder.py"))
+    monkeypatch.setattr(code_folder, "SOURCES", places[0].parent / "no")
     (places[0].parent / "no").write_text("a file where the sources' folder is wanted")
     before = os.umask(0)
     try:
@@ -192,7 +192,7 @@ def test_the_folder_is_named_after_all_sources(monkeypatch):
     read = Path.read_bytes
     for name in ("run.py", "effects/drag.py"):
         monkeypatch.setattr(Path, "read_bytes", lambda file, name=name: read(file) + (
-            b"#" if file.as_posix().endswith(f"drive/{name}") else b""))
+            b"#" if file.as_posix().endswith(f"/{name}") else b""))
         assert code_folder.folder_name() != NAME
 
 
@@ -208,7 +208,7 @@ def test_and_after_numba_which_is_not_imported_for_that(tmp_path):
     for version in ("0.68.1", "0.68.2"):
         (tmp_path / "numba" / "_version.py").write_text(f"version_json = '{version}'")
         done = subprocess.run(
-            [sys.executable, "-c", "from drivetool.drive import machine_code as m; import sys; "
+            [sys.executable, "-c", "import drivetool.drive.machine_code as m; import sys; "
              "from importlib import import_module; "
              "print(import_module(m.folder.__module__).folder_name(), 'numba' in sys.modules, "
              "'importlib.metadata' in sys.modules)"],
@@ -266,9 +266,10 @@ def test_all_files_of_ours_are_removed_with_it(old):
     """Also what a compiler left that was killed, and what Numba keeps for tune."""
     (old / "lock").touch()
     (old / "run.o3fa9.part").touch()
-    (old / "tune_5f").mkdir()
-    for name in ("response.code", "other.code"):
-        (old / "tune_5f" / name).touch()
+    for folder in ("tune_5f", "speed_loop_5f"):
+        (old / folder).mkdir()
+        for name in ("response.code", "other.code"):
+            (old / folder / name).touch()
     os.utime(old, (0.0, 0.0))
     code_folder.prune(old.parent / "kernel-now")
     assert not old.exists()

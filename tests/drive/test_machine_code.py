@@ -8,12 +8,12 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 
 from drivetool.drive import machine_code
+from drivetool.drive.code_folder import SOURCES
 from drivetool.errors import DriveToolError
 
 PARTS = sorted({part for group in machine_code.GROUPS for line in group for part in line})
@@ -43,15 +43,14 @@ def test_what_is_compiled_is_loaded_without_the_compiler():
 @pytest.mark.parametrize("part", PARTS)
 def test_every_part_is_there(part):
     file, name = part.split(".")
-    assert callable(getattr(importlib.import_module(f"drivetool.drive.{file}"), name).made)
+    assert callable(getattr(importlib.import_module(f"{machine_code.KERNEL}.{file}"), name).made)
 
 
 def test_every_unit_is_a_part():
-    folder = Path(machine_code.__file__).parent
     units = []
-    for file in sorted(folder.glob("*.py")):
-        if "\nfrom drivetool.drive.compiled import" in file.read_text():
-            module = importlib.import_module(f"drivetool.drive.{file.stem}")
+    for file in sorted(SOURCES.rglob("*.py")):
+        if "@unit(" in file.read_text():
+            module = importlib.import_module(f"{machine_code.KERNEL}.{file.stem}")
             units += [f"{file.stem}.{name}" for name, value in vars(module).items()
                       if hasattr(value, "made") and value.home == module.__name__]
     assert sorted(units) == PARTS
@@ -131,7 +130,7 @@ def changed(kept, what):
 LOAD = """
 import shutil, subprocess, sys, time
 from pathlib import Path
-from drivetool.drive import machine_code
+import drivetool.drive.machine_code as machine_code
 
 def run(words, **_):
     with open("log", "a") as log:

@@ -9,8 +9,10 @@ from pathlib import Path
 import numba
 import pytest
 
+from drivetool.drive import numba_private
+
 ROOT = Path(__file__).parents[2] / "drivetool"
-ADAPTER = ROOT / "drive" / "numba_private.py"
+ADAPTER = Path(numba_private.__file__)
 # Name -> parameters, or None for what is no function.
 USED = {
     # patched: what is done for each function waits for the end

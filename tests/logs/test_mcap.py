@@ -13,8 +13,9 @@ from drivetool.errors import BadRecording
 from drivetool.logs import field_path
 from drivetool.logs.build import open_experiment
 from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.mcap import container, layout, source
+from drivetool.logs.mcap import layout, source
 from drivetool.logs.mcap.collector import Collector
+from drivetool.logs.mcap.container import walk
 from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.ros import cdr_walk
 from drivetool.logs.mcap.source import Source
@@ -251,8 +252,8 @@ def test_cdr_of_both_byte_orders_and_versions():
         head = bytes([0, kind + (order == "<"), 0, 0])
         pad = 7 if kind == 0 else 3
         message = head + struct.pack(f"{order}B{pad}xdIBBhh2xI3s?", 7, -1.5, 2, 3, 4, -5, 6, 3, b"ab\0", True)
-        walk, _ = cdr_walk("t/T", text)
-        columns = layout.Columns(walk, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
+        shape, _ = cdr_walk("t/T", text)
+        columns = layout.Columns(shape, [("a",), ("x",), ("few", 1), ("pair", 0), ("ok",)])
         places = Places.of(np.frombuffer(message, np.uint8), np.array([0]))
         found, good = columns.read(places, np.array([len(message)]))
         assert good.all() and [column[0] for column in found] == [7, -1.5, 4, -5, 1]
@@ -320,7 +321,7 @@ def test_records_are_found_one_by_one_or_in_runs(lengths, count, cut, zero):
             if at + 9 + n <= len(kept):
                 expected.append(at + 9)
             at += 9 + n
-        found = container.walk(np.frombuffer(kept, np.uint8))
+        found = walk(np.frombuffer(kept, np.uint8))
         assert found.starts.tolist() == expected
         assert found.lengths.tolist() == every[:len(expected)] and found.others == {}
         assert (found.end == len(kept)) == (sum(every) + 9 * len(every) == len(kept) and not zero)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause, Start
 from drivetool.check.causes.starts import added
-from drivetool.drive.effects.idle_torque import EFFECT
+from drivetool.drive.effects import idle_torque
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
@@ -29,5 +29,5 @@ def _absent(_: Model) -> tuple[State, str]:
 CAUSES = (Cause(
     "torque-offset", "an offset of the torque channel", "The logged torque is shifted by a constant amount.",
     "Calibrate the zero of the torque or current sensor.", None, starts=_starts, sizes=("offset", "idle_torque"),
-    law=EFFECT.law, absent=_absent,
+    law=idle_torque.EFFECT.law, absent=_absent,
     needs="a stretch with the torque switched off; without one an idle torque is the same"),)

@@ -9,9 +9,9 @@ import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.logs.clocks.clock import median_step
-from drivetool.logs.convert import Signal
 from drivetool.logs.roles import is_motion, quantity
 from drivetool.logs.samples.speed_check import SURE
+from drivetool.logs.signals import Signal
 
 # Longer records are looked at in their first part, coarser ones at this many points.
 POINTS = 200_000

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,7 @@ from drivetool.logs.mcap.layout import Broken
 from drivetool.logs.mcap.source import Source
 from drivetool.logs.mcap.stamps import LOG_TIME, NAMED, clocks, to_ticks
 from drivetool.logs.mcap.topics import ENCODINGS, Fields, open_topic
-
-if TYPE_CHECKING:
-    from drivetool.logs.read import Choose
+from drivetool.logs.reader import Choose
 
 # Clocks that a message may have besides its receipt, in the order in which they are tried.
 STAMPS = ("publish_time", "header.stamp", "stamp", "timestamp")

@@ -15,8 +15,21 @@ from mcap.records import Channel, Schema
 
 from drivetool.errors import BadRecording
 from drivetool.logs.experiment import shown
-from drivetool.logs.mcap import container
-from drivetool.logs.mcap.container import CHANNEL, CHUNK, CUT_CHUNK, HEAD, MAGIC, SCHEMA, Records
+from drivetool.logs.mcap.container import (
+    CHANNEL,
+    CHUNK,
+    CUT_CHUNK,
+    DAMAGED,
+    HEAD,
+    HEADS,
+    MAGIC,
+    SCHEMA,
+    Records,
+    open_chunk,
+    parse,
+    read_summary,
+    walk,
+)
 from drivetool.logs.mcap.messages import SAMPLES, Block, Topic
 from drivetool.logs.mcap.places import Places
 from drivetool.logs.mcap.recover import recover
@@ -52,8 +65,8 @@ class Source:
                                    "Record or export it again.")
             raise BadRecording(f"an MCAP file in {shown(path)}", "something else", "Record or export it again.")
         self._bytes = np.frombuffer(mapped, np.uint8)
-        self._summary = container.read_summary(mapped)
-        self._top, wrong = recover(container.walk(self._bytes, len(MAGIC)), self._summary)
+        self._summary = read_summary(mapped)
+        self._top, wrong = recover(walk(self._bytes, len(MAGIC)), self._summary)
         kept, size = [], 0
         for block in self._read(self.damage):
             self._count(block)
@@ -100,7 +113,7 @@ class Source:
         if problem:
             damage.append(problem)
             return
-        records = container.walk(data)
+        records = walk(data)
         if records.end < len(data):
             damage.append("a chunk that ends within a record")
         for code, content in records.others.values():
@@ -117,7 +130,7 @@ class Source:
         if not len(starts):
             return
         places = Places.of(records.data, starts)
-        head = places.read(0, container.HEADS)
+        head = places.read(0, HEADS)
         numbers = head["channel"]
         only = int(numbers[0]) if np.all(numbers == numbers[0]) else None
         present = {only} if only is not None else set(np.flatnonzero(np.bincount(numbers)).tolist())
@@ -131,11 +144,11 @@ class Source:
         """Remember a schema or a channel, the first of each number."""
         try:
             if code == SCHEMA:
-                schema = container.parse(Schema, content)
+                schema = parse(Schema, content)
                 self._schemas.setdefault(schema.id, schema)
             elif code == CHANNEL:
-                self._add_channel(container.parse(Channel, content))
-        except container.DAMAGED:
+                self._add_channel(parse(Channel, content))
+        except DAMAGED:
             damage.append(f"a broken {'schema' if code == SCHEMA else 'channel'}")
 
     def _add_channel(self, channel: Channel) -> None:
@@ -165,9 +178,9 @@ class Source:
 
 
 def _opened(chunk: tuple[int, memoryview], room: Room) -> tuple[np.ndarray, str]:
-    """A chunk unpacked; see container.open_chunk."""
+    """A chunk unpacked; see open_chunk."""
     code, content = chunk
-    return container.open_chunk(content, room, cut=code == CUT_CHUNK)
+    return open_chunk(content, room, cut=code == CUT_CHUNK)
 
 
 def _ahead(work: Callable, items: Iterable, ahead: int = 4) -> Iterator:

@@ -13,10 +13,10 @@ import numpy as np
 
 from drivetool.errors import Finding
 from drivetool.logs.clocks.clock import median_step
-from drivetool.logs.convert import Signal
 from drivetool.logs.experiment import Experiment
 from drivetool.logs.roles import INPUTS, quantity
 from drivetool.logs.samples.spikes import MAD, despiked, held, quantum, running
+from drivetool.logs.signals import Signal
 
 LEAST, ENOUGH = 50, 100_000  # samples that tell anything, and that tell whether a sensor is coarse
 STRAIGHT = 0.45  # share of the samples that must lie on the line between their neighbours
