@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, check_outputs
+from drivetool.cli.inputs import check_outputs
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 

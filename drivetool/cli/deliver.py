@@ -12,7 +12,7 @@ from drivetool.cli.outcomes import exit_code, put, say
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from drivetool.cli.inputs import Job
+    from drivetool.cli.job import Job
     from drivetool.files.gains_shapes import GainsFile
     from drivetool.files.inspection import InspectionFile
     from drivetool.files.shapes import ParameterFile, ValidationFile

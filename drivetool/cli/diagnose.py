@@ -10,7 +10,8 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.inputs import check_outputs, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded, say
 from drivetool.cli.record_option import differing, only_stated, own_of_held_out
 from drivetool.errors import BadOption, DriveToolError

@@ -6,10 +6,11 @@ import contextlib
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from drivetool.cli.job import Job, Opened
+from drivetool.cli.units_of import units_of
 from drivetool.errors import BadOption, BadParameters, DriveToolError
 
 if TYPE_CHECKING:
@@ -18,64 +19,6 @@ if TYPE_CHECKING:
     from drivetool.files.parameter_file import Loaded
     from drivetool.identify.options import Options
     from drivetool.identify.start import Start
-    from drivetool.logs.experiment import Experiment
-
-
-@dataclass(frozen=True)
-class Job:
-    """What every command that reads recordings was asked; the words of cli/options.py."""
-
-    step: str
-    given: Sequence[str]  # recordings, and folders of them
-    params: Sequence[str] = ()
-    map: str | None = None
-    drive: str | None = None
-    set: Sequence[str] = ()
-    out: str | None = None
-    json: bool = False
-    plot: str | None = None
-    strict: bool = False
-    debug: bool = False
-    quiet: bool = False
-    condition: Sequence[str] = ()
-    more: Sequence[str] = ()  # files read by an option that this command alone has
-    start: Sequence[str] = ()
-    record: Sequence[str] = ()
-    stages: str = ""
-
-    @cached_property
-    def logs(self) -> list[str]:
-        """The recordings; BadOption, see recordings_in."""
-        from drivetool.cli.folders import recordings_in
-
-        return recordings_in(self.given)
-
-    @property
-    def log(self) -> str:
-        """The recording of a step that takes one; BadOption: a folder with several."""
-        if len(self.logs) > 1:
-            raise BadOption("one recording", f"{len(self.logs)} in the folder {self.given[0]}",
-                            "Name one of them.", self.logs)
-        return self.logs[0]
-
-    @property
-    def inputs(self) -> list[str]:
-        """Every path that is read."""
-        return [*self.logs, *self.params, *self.more, *filter(None, (self.map, self.drive))]
-
-
-@dataclass(frozen=True)
-class Opened:
-    """Everything read and checked: recordings, parameter files, the drive file if there is one."""
-
-    experiments: tuple[Experiment, ...]
-    loaded: Loaded
-    shape: Loaded | None = field(default=None)
-
-    @property
-    def inputs(self) -> tuple[tuple[str, str], ...]:
-        """(name, sha256) of every parameter file that was read."""
-        return (self.shape.inputs if self.shape else ()) + self.loaded.inputs
 
 
 def open_all(job: Job) -> Opened:
@@ -128,7 +71,6 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequ
     loaded  the parameter files to take values from; None: all of them
     free    names of what is to be fitted
     """
-    from drivetool.cli.units_of import units_of
     from drivetool.drive.chain import KNOWN_DRIVES, two_mass
 
     loaded = loaded or opened.loaded

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.inputs import drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
 

@@ -12,7 +12,7 @@ from drivetool.cli import options as cli
 from drivetool.cli.outcomes import guarded
 
 if TYPE_CHECKING:
-    from drivetool.cli.inputs import Job
+    from drivetool.cli.job import Job
     from drivetool.drive.chain import Drive
     from drivetool.files.parameter_file import Loaded
     from drivetool.tune.gains import TuneOptions
@@ -78,7 +78,7 @@ def command(
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    from drivetool.cli.inputs import Job
+    from drivetool.cli.job import Job
 
     job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, debug, quiet)
     words = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from drivetool.cli.job import BETWEEN, Job, Opened
 from drivetool.errors import BadParameters, BadRecording
 
 if TYPE_CHECKING:
-    from drivetool.cli.inputs import Job, Opened
     from drivetool.files.parameter_file import Loaded
     from drivetool.logs.experiment import Experiment
 
@@ -62,7 +62,6 @@ def _one(what: str, units: Sequence[tuple[str, str]]) -> str:
 
 def _said(job: Job, files: Sequence[Loaded]) -> dict[str, str | None]:
     """The torque constants that have a value -> the unit in which they were given, if any."""
-    from drivetool.cli.record_option import BETWEEN
     from drivetool.drive.chain import is_constant
 
     found = {name: unit for each in reversed(files) for name, unit in each.constants.items()}

@@ -11,14 +11,15 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
+from drivetool.cli.inputs import drive_for, findings, noted, open_all, start_of
+from drivetool.cli.job import BETWEEN, Job
 from drivetool.cli.outcomes import guarded, say
-from drivetool.cli.record_option import BETWEEN, OPTION, differing, only_stated
+from drivetool.cli.record_option import OPTION, differing, only_stated
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation.result import ValidateOptions
-    from drivetool.cli.inputs import Opened
+    from drivetool.cli.job import Opened
     from drivetool.drive.chain import Drive
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs.experiment import Experiment
