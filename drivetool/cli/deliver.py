@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drivetool.cli.outcomes import exit_code, put, say
+from drivetool.files.write import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +36,6 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
     names     of what the pictures show; none: of the recordings
     """
     from drivetool.files.result_file import dump
-    from drivetool.files.write import write_whole
 
     terminal = sys.stdout.isatty()
     if job.out not in (None, "-"):

@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from drivetool.cli.job import Job, Opened
 from drivetool.cli.units_of import units_of
-from drivetool.errors import BadOption, BadParameters, DriveToolError
+from drivetool.errors import BadOption, BadParameters, DriveToolError, nearest
+from drivetool.files import units
+from drivetool.files.write import check_folder, check_target
+from drivetool.logs.roles import ROLES
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -59,7 +62,6 @@ def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
     """The roles of bodies and shafts that the drive has besides those of the table."""
     from drivetool.drive.chain import KNOWN_DRIVES
     from drivetool.identify.setup import sensors_of
-    from drivetool.logs.roles import ROLES
 
     drive = KNOWN_DRIVES[job.drive]() if job.drive and not shape else (shape or loaded).chain()
     return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
@@ -144,7 +146,6 @@ def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], dri
 def _shape(job: Job) -> Loaded | None:
     """The drive file, if --drive names one."""
     from drivetool.drive.chain import KNOWN_DRIVES
-    from drivetool.errors import nearest
     from drivetool.files.parameter_file import load_parameters
 
     if job.drive is None or job.drive in KNOWN_DRIVES:
@@ -190,8 +191,6 @@ def start_of(words: Sequence[str], drive: Drive) -> Start:
 
 def _value(option: str, word: str, wanted: str) -> float:
     """The value of 'NAME=VALUE', in the wanted unit."""
-    from drivetool.files import units
-
     name, equals, rest = (part.strip() for part in word.partition("="))
     number, unit = _NUMBER.match(rest).groups()
     do = f"Write for example '{option} {name}=0.4' (in {wanted or 'no unit'})."
@@ -210,8 +209,6 @@ def check_outputs(job: Job, **further: str | None) -> None:
     further  option without its dashes -> path of a file written beside --out
     raises   BadOption: see also `check_target`
     """
-    from drivetool.files.write import check_folder, check_target
-
     if job.plot:
         check_folder(job.plot)
     options: dict[str, str] = {}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli.job import BETWEEN, Job, Opened
 from drivetool.errors import BadParameters, BadRecording
+from drivetool.files.units import torque_over_input
 
 if TYPE_CHECKING:
     from drivetool.files.parameter_file import Loaded
@@ -21,7 +22,6 @@ def units_of(job: Job, opened: Opened, loaded: Loaded, free: Sequence[str] = ())
     raises        BadRecording: recordings of several kinds; BadParameters: a constant is missing that joins torques
     """
     from drivetool.drive.chain import is_constant
-    from drivetool.files.units import torque_over_input
     from drivetool.identify.torque_constant import electric
 
     experiments = opened.experiments
