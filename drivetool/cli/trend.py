@@ -38,7 +38,8 @@ def command(
 def run(job: Job, summary: str, alarm: float) -> int:
     """Read, look, deliver; the exit code."""
     from drivetool.check.trends.findings import trends_of
-    from drivetool.files.trends_file import exhibits_of, summary_input, trends_file
+    from drivetool.files.trend_picture import exhibits_of
+    from drivetool.files.trends_file import summary_input, trends_file
     from drivetool.logs.summary import read_summary
 
     if not math.isfinite(alarm):

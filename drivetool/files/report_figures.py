@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivetool.files.look import as_written, drawing
-from drivetool.files.plots import decimated
+from drivetool.files.thinning import decimated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
