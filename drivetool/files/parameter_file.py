@@ -26,7 +26,6 @@ from drivetool.logs.channel_map import SCHEMA as MAP_SCHEMA
 from drivetool.quantity import ELECTRIC
 
 if TYPE_CHECKING:
-    from drivetool.files.inspection import InspectionFile
 
     Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
               | analysis_shapes.ComparisonFile | GainsFile | InspectionFile | TrendsFile)

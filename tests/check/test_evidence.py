@@ -10,8 +10,8 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.causes import CAUSES
+from drivetool.check.chance import LOOKED, log_tail
 from drivetool.check.diagnosis import Gain
-from drivetool.check.fit.chance import LOOKED, log_tail
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import Forecast, blocks_under_test, gain_of
 from drivetool.check.fit.heldout import Score, price_of, surprise, total_evidence

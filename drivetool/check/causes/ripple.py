@@ -43,7 +43,7 @@ def _unrepeated(model: Model, base: Model) -> str:
 
 def _with_another_order(model: Model, masks: Masks, most_promising: Callable) -> Model | None:
     """Cogging, slots and screws seldom leave one order alone."""
-    from drivetool.check.fit.chance import TRIFLE, unlikely
+    from drivetool.check.chance import TRIFLE, unlikely
     from drivetool.check.fit.model import BROKEN, fit
     from drivetool.check.fit.scan import likely_orders
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes import FITTED
+from drivetool.check.chance import unlikely
 from drivetool.check.fit.allowance import allowed
-from drivetool.check.fit.chance import unlikely
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.model import (
     Masks,

@@ -16,8 +16,8 @@ import numpy as np
 from drivetool.check.causes import CAUSES
 from drivetool.check.causes.cause import Cause
 from drivetool.check.causes.start import Start
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
-from drivetool.check.fit.chance import TRIFLE
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import gain_by_blocks
 from drivetool.check.fit.heldout import ONE_OFF, Score, price_of, total_evidence

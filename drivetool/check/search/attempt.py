@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import State
-from drivetool.check.fit.chance import TRIFLE
 from drivetool.check.fit.model import BROKEN, FIRST, MOST, Masks, Model, fit
 from drivetool.check.fit.structure import carried, third_of
 from drivetool.check.search.absence import needed, why_absent

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
+from drivetool.check.chance import TRIFLE, unlikely
 from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.fit.chance import TRIFLE, unlikely
 from drivetool.check.fit.heldout import score
 from drivetool.check.fit.model import BROKEN, Model
 from drivetool.check.fit.remainder import remainder

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drivetool.check.causes.starts import FAST
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import CandidateResult, State
-from drivetool.check.fit.chance import TRIFLE
 from drivetool.check.fit.heldout import Score, total_evidence
 from drivetool.check.fit.model import BROKEN, Model
 from drivetool.check.search.absence import law_of, needed

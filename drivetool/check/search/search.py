@@ -15,8 +15,8 @@ import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
 from drivetool.check.causes.cause import Cause
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
-from drivetool.check.fit.chance import TRIFLE
 from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
 from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard, runs_worse
