@@ -18,7 +18,7 @@ BETWEEN = "\0"  # between both words of --record: no argument of a process can h
 
 @dataclass(frozen=True)
 class Job:
-    """What every command that reads recordings was asked; the words of cli/options.py."""
+    """What every command that reads recordings was asked, in the words of its options."""
 
     step: str
     given: Sequence[str]  # recordings, and folders of them

@@ -17,7 +17,7 @@ from drivetool.errors import BadOption
 HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
         "day and between days, the drift, steps, and alarms with their dates.")
 EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
-ALARM = 5.0  # as drivetool.check.trends.trend has it, which imports too slowly for a help text
+ALARM = 5.0  # as the trends have it, which import too slowly for a help text
 
 Summary = Annotated[str, typer.Argument(
     metavar="SUMMARY", help="Summary of a site, one row per recording, step and parameter, as Parquet.")]

@@ -23,7 +23,7 @@ def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Ma
                 inputs: Inputs = ()) -> shapes.TrendsFile:
     """The trends file.
 
-    findings, found  as `check.trends.findings.trends_of` returns them
+    findings, found  as `trends_of` returns them
     options          of the command; inputs: (name, sha256) of the summary
     """
     return shapes.TrendsFile(

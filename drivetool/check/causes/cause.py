@@ -49,9 +49,9 @@ class Cause:
     rough        whether its likelihood has many valleys, all of which are followed
     ends         (base, samples) -> ends of fits by a search of its own, the likeliest first
     refined      (model with it, base, samples, refitted) -> the same with what only a finished fit can tell;
-                 refitted: the function of search.attempt that fits it with other parameters free
+                 refitted: a function of the search that fits it with other parameters free
     another      (model with it, samples, most_promising) -> the same with one more of its kind, at another order,
-                 say; None: none is asked for; most_promising: the function of search.begin that chooses a start
+                 say; None: none is asked for; most_promising: a function of the search that chooses a start
     """
 
     code: str
