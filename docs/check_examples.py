@@ -25,7 +25,7 @@ from pathlib import Path
 
 import typer
 
-from drivetool.cli.main import app
+from drivetool.cli.command_line import app
 from drivetool.errors import DriveToolError
 from drivetool.files.channel_map_file import load_channel_map
 from drivetool.files.parameter_file import load_parameters

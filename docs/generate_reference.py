@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import typer
 
 from drivetool.check.report.facts import FACTS
 from drivetool.check.report.rules import RULES
-from drivetool.cli.main import app
+from drivetool.cli.command_line import app
 from drivetool.drive.chain import TOTALS
 from drivetool.drive.effects import EFFECTS
 from drivetool.files.catalogue import catalogue
@@ -116,9 +117,10 @@ def commands() -> str:
 
 
 def _parameters(callback) -> list[tuple[inspect.Parameter, Any]]:
-    """(parameter, what typer is told of it) of a command."""
+    """(parameter, what typer is told of it) of a command; its context is none that a person gives."""
     signature = inspect.signature(callback, eval_str=True)
-    return [(p, p.annotation.__metadata__[0]) for p in signature.parameters.values()]
+    return [(p, p.annotation.__metadata__[0]) for p in signature.parameters.values()
+            if p.annotation is not typer.Context]
 
 
 def _usage(name: str, callback) -> str:

@@ -72,11 +72,11 @@ def pytest_terminal_summary(terminalreporter, config):
 @pytest.fixture
 def call(capfd):
     """Run a command in this process: exit code, standard output, standard error."""
-    from drivetool.cli import main
+    from drivetool.cli import command_line
 
     def run(*words):
         with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
+            command_line.app([str(word) for word in words], prog_name="drivetool")
         text = capfd.readouterr()
         return left.value.code or 0, text.out, text.err
     return run

@@ -145,7 +145,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Facts:
-    """Figures that the rules of a verdict compare, and the names that it hands on; meanings: report.facts.FACTS.
+    """Figures that the rules of a verdict compare, and the names that it hands on; see `FACTS` for their meanings.
 
     Log likelihoods are natural; errors of free runs are in the unit of the gain.
     """

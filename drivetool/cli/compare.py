@@ -13,7 +13,8 @@ import typer
 from drivetool.cli import options as cli
 from drivetool.cli import swap as sides
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.inputs import drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import BadOption, DriveToolError
 

@@ -7,9 +7,11 @@ from typing import Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, check_outputs
+from drivetool.cli.inputs import check_outputs
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
+from drivetool.files.write import write_whole
 
 HELP = "A recording as Parquet in SI. The channels that play a role, named by it, each on its own clock."
 EXAMPLE = "drivetool convert steps.mcap --map map.yaml --out steps.parquet"
@@ -35,7 +37,6 @@ def run(job: Job) -> int:
     from drivetool.files.channel_map_file import load_channel_map
     from drivetool.files.inspection import finding_sections
     from drivetool.files.parquet_file import recording_bytes
-    from drivetool.files.write import write_whole
     from drivetool.logs.convert import in_si
     from drivetool.logs.read import read_recording
 

@@ -8,13 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from drivetool.cli.outcomes import exit_code, put, say
+from drivetool.files.write import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from drivetool.cli.inputs import Job
+    from drivetool.cli.job import Job
     from drivetool.files.gains_shapes import GainsFile
-    from drivetool.files.inspection import InspectionFile
+    from drivetool.files.inspection_shapes import InspectionFile
     from drivetool.files.shapes import ParameterFile, ValidationFile
     from drivetool.files.trend_shapes import TrendsFile
     from drivetool.identify.estimate import Exhibit
@@ -35,7 +36,6 @@ def deliver(job: Job, file: Written, exhibits: Sequence[Exhibit], per_unit: bool
     names     of what the pictures show; none: of the recordings
     """
     from drivetool.files.result_file import dump
-    from drivetool.files.write import write_whole
 
     terminal = sys.stdout.isatty()
     if job.out not in (None, "-"):
@@ -67,7 +67,7 @@ def print_table(file: Written, per_unit: bool = False) -> None:
     free = not console.is_terminal and "COLUMNS" not in os.environ
     console.width = WIDE if free else max(80, console.width)
     if hasattr(file, "channels"):
-        from drivetool.files.inspection import print_inspection
+        from drivetool.files.inspection_table import print_inspection
 
         print_inspection(file, console)
     elif hasattr(file, "designs"):
@@ -77,7 +77,7 @@ def print_table(file: Written, per_unit: bool = False) -> None:
     elif hasattr(file, "verdict"):
         tables.print_validation(file, console)
     elif file.step == "trend":
-        from drivetool.files.trends_file import print_trends
+        from drivetool.files.trends_table import print_trends
 
         print_trends(file, console)
     elif file.step in ("spectra", "compare"):

@@ -10,10 +10,13 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, check_outputs, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.inputs import check_outputs, drive_for, findings, noted, open_all, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded, say
 from drivetool.cli.record_option import differing, only_stated, own_of_held_out
+from drivetool.cli.run_downs import refuse_run_downs
 from drivetool.errors import BadOption, DriveToolError
+from drivetool.files.write import write_whole
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import DiagnoseOptions
@@ -69,13 +72,11 @@ def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, expla
     """
     from drivetool.check.causes import chosen_causes
     from drivetool.check.diagnose import diagnose
-    from drivetool.cli.run_downs import refuse_run_downs
     from drivetool.drive.chain import is_constant
     from drivetool.files.diagnosis_file import diagnosis_file, sections_before
     from drivetool.files.diagnosis_input import base_findings, check_base, check_holdout, verdict_finding
     from drivetool.files.diagnosis_table import print_rule
     from drivetool.files.report_page import diagnosis_page
-    from drivetool.files.write import write_whole
     from drivetool.identify.unused import used_by
 
     check_outputs(job, report=report)

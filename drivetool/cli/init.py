@@ -13,6 +13,7 @@ import typer
 from drivetool.cli import options as cli
 from drivetool.cli.outcomes import DONE, guarded, put, say
 from drivetool.errors import BadOption, DriveToolError
+from drivetool.files.write import check_target, write_whole
 
 if TYPE_CHECKING:
     from drivetool.files.site.first_site import Seen
@@ -35,7 +36,6 @@ def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet:
 def run(logs: list[str], out: str, quiet: bool) -> int:
     """Look, write; the exit code."""
     from drivetool.files.site.first_site import first_site
-    from drivetool.files.write import check_target, write_whole
 
     if out != "-":
         check_target(out)

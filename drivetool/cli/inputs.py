@@ -6,11 +6,15 @@ import contextlib
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from drivetool.errors import BadOption, BadParameters, DriveToolError
+from drivetool.cli.job import Job, Opened
+from drivetool.cli.units_of import units_of
+from drivetool.errors import BadOption, BadParameters, DriveToolError, nearest
+from drivetool.files import units
+from drivetool.files.write import check_folder, check_target
+from drivetool.logs.roles import ROLES
 
 if TYPE_CHECKING:
     from drivetool.drive.chain import Drive
@@ -18,64 +22,6 @@ if TYPE_CHECKING:
     from drivetool.files.parameter_file import Loaded
     from drivetool.identify.options import Options
     from drivetool.identify.start import Start
-    from drivetool.logs.experiment import Experiment
-
-
-@dataclass(frozen=True)
-class Job:
-    """What every command that reads recordings was asked; the words of cli/options.py."""
-
-    step: str
-    given: Sequence[str]  # recordings, and folders of them
-    params: Sequence[str] = ()
-    map: str | None = None
-    drive: str | None = None
-    set: Sequence[str] = ()
-    out: str | None = None
-    json: bool = False
-    plot: str | None = None
-    strict: bool = False
-    debug: bool = False
-    quiet: bool = False
-    condition: Sequence[str] = ()
-    more: Sequence[str] = ()  # files read by an option that this command alone has
-    start: Sequence[str] = ()
-    record: Sequence[str] = ()
-    stages: str = ""
-
-    @cached_property
-    def logs(self) -> list[str]:
-        """The recordings; BadOption, see recordings_in."""
-        from drivetool.cli.folders import recordings_in
-
-        return recordings_in(self.given)
-
-    @property
-    def log(self) -> str:
-        """The recording of a step that takes one; BadOption: a folder with several."""
-        if len(self.logs) > 1:
-            raise BadOption("one recording", f"{len(self.logs)} in the folder {self.given[0]}",
-                            "Name one of them.", self.logs)
-        return self.logs[0]
-
-    @property
-    def inputs(self) -> list[str]:
-        """Every path that is read."""
-        return [*self.logs, *self.params, *self.more, *filter(None, (self.map, self.drive))]
-
-
-@dataclass(frozen=True)
-class Opened:
-    """Everything read and checked: recordings, parameter files, the drive file if there is one."""
-
-    experiments: tuple[Experiment, ...]
-    loaded: Loaded
-    shape: Loaded | None = field(default=None)
-
-    @property
-    def inputs(self) -> tuple[tuple[str, str], ...]:
-        """(name, sha256) of every parameter file that was read."""
-        return (self.shape.inputs if self.shape else ()) + self.loaded.inputs
 
 
 def open_all(job: Job) -> Opened:
@@ -116,7 +62,6 @@ def _further_roles(job: Job, loaded: Loaded, shape: Loaded | None) -> list[str]:
     """The roles of bodies and shafts that the drive has besides those of the table."""
     from drivetool.drive.chain import KNOWN_DRIVES
     from drivetool.identify.setup import sensors_of
-    from drivetool.logs.roles import ROLES
 
     drive = KNOWN_DRIVES[job.drive]() if job.drive and not shape else (shape or loaded).chain()
     return [role for choices in sensors_of(drive) for role in choices if role not in ROLES]
@@ -128,7 +73,6 @@ def drive_for(job: Job, opened: Opened, loaded: Loaded | None = None, free: Sequ
     loaded  the parameter files to take values from; None: all of them
     free    names of what is to be fitted
     """
-    from drivetool.cli.units_of import units_of
     from drivetool.drive.chain import KNOWN_DRIVES, two_mass
 
     loaded = loaded or opened.loaded
@@ -202,7 +146,6 @@ def findings(opened: Opened, more: Sequence[Finding], used: Collection[str], dri
 def _shape(job: Job) -> Loaded | None:
     """The drive file, if --drive names one."""
     from drivetool.drive.chain import KNOWN_DRIVES
-    from drivetool.errors import nearest
     from drivetool.files.parameter_file import load_parameters
 
     if job.drive is None or job.drive in KNOWN_DRIVES:
@@ -248,8 +191,6 @@ def start_of(words: Sequence[str], drive: Drive) -> Start:
 
 def _value(option: str, word: str, wanted: str) -> float:
     """The value of 'NAME=VALUE', in the wanted unit."""
-    from drivetool.files import units
-
     name, equals, rest = (part.strip() for part in word.partition("="))
     number, unit = _NUMBER.match(rest).groups()
     do = f"Write for example '{option} {name}=0.4' (in {wanted or 'no unit'})."
@@ -268,8 +209,6 @@ def check_outputs(job: Job, **further: str | None) -> None:
     further  option without its dashes -> path of a file written beside --out
     raises   BadOption: see also `check_target`
     """
-    from drivetool.files.write import check_folder, check_target
-
     if job.plot:
         check_folder(job.plot)
     options: dict[str, str] = {}

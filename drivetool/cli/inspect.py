@@ -8,7 +8,8 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver
-from drivetool.cli.inputs import Job, check_outputs
+from drivetool.cli.inputs import check_outputs
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded
 
 HELP = "What is in a recording. Channels with unit, rate, range, gaps, spikes and the role they would get."

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from typer.core import TyperCommand
 
-from drivetool.cli.inputs import Job, as_usage, start_of, start_value
+from drivetool.cli.inputs import as_usage, start_of, start_value
+from drivetool.cli.job import BETWEEN, Job
 from drivetool.errors import BadOption, nearest
 
 if TYPE_CHECKING:
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from drivetool.logs.experiment import Experiment
 
 OPTION = "--record"
-BETWEEN = "\0"  # no argument of a process can hold it
 FREE, START, CLAMPED = "free", "start", "clamped"
 DO = f"Write for example '{OPTION} FILE load.added_inertia=0.02', '{OPTION} FILE free=motor.coulomb', " \
      f"'{OPTION} FILE clamped=load' or '{OPTION} FILE start=rest'."

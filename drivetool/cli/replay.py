@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from drivetool.errors import Finding
+
 if TYPE_CHECKING:
     from drivetool.check.validation.result import RecordCheck, ValidateOptions, Validation
     from drivetool.drive.chain import Drive
@@ -82,8 +84,6 @@ def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:
 
 
 def _another(model: str, gains: str, files: Sequence[str]) -> Finding:
-    from drivetool.errors import Finding
-
     return Finding("note", "tuned-for-another-file",
                    f"{gains} was tuned for {', '.join(files)}, not for {model} as it is now.", {},
                    "Tune again if the parameters have changed.")

@@ -10,7 +10,7 @@ from drivetool.errors import BadOption, BadRecording
 
 if TYPE_CHECKING:
     from drivetool.check.validation.result import ValidateOptions, Validation
-    from drivetool.cli.inputs import Opened
+    from drivetool.cli.job import Opened
     from drivetool.drive.chain import Drive
     from drivetool.identify.estimate import Covariance
     from drivetool.logs.experiment import Experiment

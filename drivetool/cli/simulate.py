@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
-from drivetool.cli.inputs import Job, drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.deliver import draw
+from drivetool.cli.inputs import drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import exit_code, guarded, say
 from drivetool.errors import BadOption
+from drivetool.files.write import write_whole
 
 if TYPE_CHECKING:
     from drivetool.check.report.model_run import ModelRun
@@ -41,9 +44,7 @@ def command(
 def run(job: Job, segment: float) -> int:
     """Open, simulate, write; the exit code."""
     from drivetool.check.report.model_run import run_model
-    from drivetool.cli.deliver import draw
     from drivetool.files.run_file import run_table
-    from drivetool.files.write import write_whole
     from drivetool.identify.unused import used_by
 
     if not job.out.lower().endswith(".parquet"):

@@ -11,7 +11,8 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, check_outputs, findings, is_input, noted, open_all
+from drivetool.cli.inputs import check_outputs, findings, is_input, noted, open_all
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded, say
 from drivetool.cli.units_of import one_kind
 from drivetool.errors import DriveToolError

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from drivetool.cli.inputs import as_usage
 from drivetool.errors import BadOption
+from drivetool.files import units
 
 OPTION = "--stages"
 COUNTS = (2, 3)  # of windows: viscous friction, Coulomb friction, and speeds of what rises before standstill
@@ -20,7 +21,6 @@ def windows_of(words: str, motion_unit: str) -> tuple[tuple[float, float], ...]:
     """
     if not words:
         return ()
-    from drivetool.files import units
 
     wanted = f"{motion_unit}/s"
     usual = "rpm" if motion_unit == "rad" else wanted

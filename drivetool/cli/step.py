@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, as_usage, drive_for, findings, noted, open_all, start_of, with_torques
+from drivetool.cli.inputs import as_usage, drive_for, findings, noted, open_all, start_of, with_torques
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded
 from drivetool.cli.record_option import differing
 from drivetool.cli.stages_option import windows_of

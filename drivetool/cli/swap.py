@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drivetool.cli.deliver import deliver
-from drivetool.cli.inputs import Job, check_outputs
+from drivetool.cli.inputs import check_outputs
+from drivetool.cli.job import Job
 from drivetool.errors import BadOption
 
 

@@ -9,14 +9,15 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver
-from drivetool.cli.inputs import Job, check_outputs
+from drivetool.cli.inputs import check_outputs
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded
 from drivetool.errors import BadOption
 
 HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
         "day and between days, the drift, steps, and alarms with their dates.")
 EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
-ALARM = 5.0  # as drivetool.check.trends.trend has it, which imports too slowly for a help text
+ALARM = 5.0  # as the trends have it, which import too slowly for a help text
 
 Summary = Annotated[str, typer.Argument(
     metavar="SUMMARY", help="Summary of a site, one row per recording, step and parameter, as Parquet.")]
@@ -37,7 +38,8 @@ def command(
 def run(job: Job, summary: str, alarm: float) -> int:
     """Read, look, deliver; the exit code."""
     from drivetool.check.trends.findings import trends_of
-    from drivetool.files.trends_file import exhibits_of, summary_input, trends_file
+    from drivetool.files.trend_picture import exhibits_of
+    from drivetool.files.trends_file import summary_input, trends_file
     from drivetool.logs.summary import read_summary
 
     if not math.isfinite(alarm):

@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivetool.cli import options as cli
+from drivetool.cli.deliver import deliver
+from drivetool.cli.inputs import as_set, check_outputs
+from drivetool.cli.job import Job
 from drivetool.cli.outcomes import guarded
+from drivetool.errors import BadOption, BadParameters, nearest
+from drivetool.files import units
 
 if TYPE_CHECKING:
-    from drivetool.cli.inputs import Job
     from drivetool.drive.chain import Drive
     from drivetool.files.parameter_file import Loaded
     from drivetool.tune.gains import TuneOptions
@@ -78,8 +82,6 @@ def command(
     plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
 ) -> None:
     """See HELP."""
-    from drivetool.cli.inputs import Job
-
     job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, debug, quiet)
     words = {
         "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,
@@ -93,8 +95,6 @@ def command(
 
 def run(job: Job, words: dict[str, object]) -> int:
     """Read, design, deliver; the exit code."""
-    from drivetool.cli.deliver import deliver
-    from drivetool.cli.inputs import as_set, check_outputs
     from drivetool.files.gains_file import gains_file
     from drivetool.files.parameter_file import load_parameters
     from drivetool.tune.design import tune
@@ -110,7 +110,6 @@ def run(job: Job, words: dict[str, object]) -> int:
 
 def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -> TuneOptions:
     """What the words and files ask for."""
-    from drivetool.errors import BadParameters
     from drivetool.tune.criteria import criterion
     from drivetool.tune.gains import Ratings, TuneOptions
     from drivetool.tune.remarks import gain_unit
@@ -138,8 +137,6 @@ def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -
 
 def _configurations(names: Sequence[str]) -> tuple | None:
     """The configurations asked for, in their usual order."""
-    from drivetool.errors import BadOption, nearest
-
     known = ("siso", "miso", "mimo")
     for name in names:
         if name not in known:
@@ -149,8 +146,6 @@ def _configurations(names: Sequence[str]) -> tuple | None:
 
 def _weights(words: Sequence[str]) -> dict[str, float]:
     """'motor_torque=1e-4' as signal and weight."""
-    from drivetool.errors import BadOption
-
     found = {}
     for word in words:
         name, _, number = word.partition("=")
@@ -164,8 +159,6 @@ def _weights(words: Sequence[str]) -> dict[str, float]:
 
 def _with_converter(drive: Drive, text: object) -> Drive:
     """The drive with the torque path of --converter."""
-    from drivetool.errors import BadOption
-
     if text is None:
         return drive
     parts = [part.strip() for part in str(text).split(",")]
@@ -181,8 +174,6 @@ def _with_converter(drive: Drive, text: object) -> Drive:
 
 def _time(text: object) -> float:
     """A time of zero or more."""
-    from drivetool.errors import BadOption
-
     value = _number(text, "s", "--speed-filter")
     if not 0.0 <= value < 1e3:
         raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
@@ -191,8 +182,6 @@ def _time(text: object) -> float:
 
 def _speed(text: object, drive: Drive) -> float:
     """A working speed in the drive's unit."""
-    from drivetool.errors import BadOption
-
     unit = f"{drive.motion_unit}/s"
     value = _number(text, unit, "--speed")
     if not abs(value) < 1e6:
@@ -202,9 +191,6 @@ def _speed(text: object, drive: Drive) -> float:
 
 def _number(text: object, wanted: str, option: str) -> float:
     """'2 ms' in the wanted unit."""
-    from drivetool.errors import BadOption
-    from drivetool.files import units
-
     number, _, unit = str(text).strip().partition(" ")
     try:
         value = float(number)

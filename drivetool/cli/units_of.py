@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from drivetool.cli.job import BETWEEN, Job, Opened
 from drivetool.errors import BadParameters, BadRecording
+from drivetool.files.units import torque_over_input
 
 if TYPE_CHECKING:
-    from drivetool.cli.inputs import Job, Opened
     from drivetool.files.parameter_file import Loaded
     from drivetool.logs.experiment import Experiment
 
@@ -21,7 +22,6 @@ def units_of(job: Job, opened: Opened, loaded: Loaded, free: Sequence[str] = ())
     raises        BadRecording: recordings of several kinds; BadParameters: a constant is missing that joins torques
     """
     from drivetool.drive.chain import is_constant
-    from drivetool.files.units import torque_over_input
     from drivetool.identify.torque_constant import electric
 
     experiments = opened.experiments
@@ -62,7 +62,6 @@ def _one(what: str, units: Sequence[tuple[str, str]]) -> str:
 
 def _said(job: Job, files: Sequence[Loaded]) -> dict[str, str | None]:
     """The torque constants that have a value -> the unit in which they were given, if any."""
-    from drivetool.cli.record_option import BETWEEN
     from drivetool.drive.chain import is_constant
 
     found = {name: unit for each in reversed(files) for name, unit in each.constants.items()}

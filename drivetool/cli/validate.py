@@ -11,14 +11,17 @@ import typer
 
 from drivetool.cli import options as cli
 from drivetool.cli.deliver import deliver, draw_recordings
-from drivetool.cli.inputs import Job, drive_for, findings, noted, open_all, start_of
+from drivetool.cli.inputs import drive_for, findings, noted, open_all, start_of
+from drivetool.cli.job import BETWEEN, Job
 from drivetool.cli.outcomes import guarded, say
-from drivetool.cli.record_option import BETWEEN, OPTION, differing, only_stated
+from drivetool.cli.record_option import OPTION, differing, only_stated
+from drivetool.cli.replay import replay_gains
+from drivetool.cli.run_downs import COAST_DOWN, judged_by, on_run_downs, with_decay
 from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation.result import ValidateOptions
-    from drivetool.cli.inputs import Opened
+    from drivetool.cli.job import Opened
     from drivetool.drive.chain import Drive
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs.experiment import Experiment
@@ -65,7 +68,6 @@ def command(
 
 def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
     """Replay tuned gains; the exit code."""
-    from drivetool.cli.replay import replay_gains
     from drivetool.files.result_file import validation_file
     from drivetool.tune.replay import COMPARED
 
@@ -118,7 +120,6 @@ def run(job: Job, options: ValidateOptions) -> int:
     """Open, check, deliver; the exit code."""
     from drivetool.check.validation.validate import validate
     from drivetool.check.validation.validate_torque import validate_torque
-    from drivetool.cli.run_downs import COAST_DOWN, judged_by, on_run_downs, with_decay
     from drivetool.files.result_file import validation_file
     from drivetool.identify.unused import used_by
 

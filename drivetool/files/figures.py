@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivetool.files import report_figures
 from drivetool.files.inspect_picture import panels
 from drivetool.files.look import BLUE, CYCLE, GREY, INK, ORANGE, RED
-from drivetool.files.plots import decimated
+from drivetool.files.thinning import decimated
+from drivetool.files.tune_figures import KINDS
 from drivetool.identify.recordings.both_sides import BEYOND
 
 if TYPE_CHECKING:
@@ -28,16 +30,10 @@ HOLE = 1.6  # usual distances of lines from which on some were left out
 def figure(exhibit: Exhibit) -> Figure:
     """The picture of an exhibit; a kind nobody knows is drawn as lines."""
     if exhibit.kind.startswith("diagnosis-"):
-        from drivetool.files import report_figures
-
         return report_figures.figure(exhibit)
-    if exhibit.kind == "trend":
-        from drivetool.files import trend_picture
-
-        return trend_picture.figure(exhibit)
+    if hasattr(exhibit, "figure"):  # it knows best
+        return exhibit.figure()
     if not hasattr(exhibit, "curves") or exhibit.kind.endswith(("nichols", "sensitivity")):
-        from drivetool.files.tune_figures import KINDS
-
         return next(draw for kind, draw in KINDS.items() if exhibit.kind.endswith(kind))(exhibit)
     return _KINDS.get(exhibit.kind, _lines)(exhibit)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.files.plots import decimated
+from drivetool.files.thinning import decimated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

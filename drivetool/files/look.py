@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 GREY, BLUE, ORANGE, RED, GREEN, INK = "#8d939b", "#1763a6", "#d9730d", "#b3362d", "#3a7d44", "#2b2f33"
@@ -20,6 +21,14 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False, "legend.fontsize": 8.5, "lines.linewidth": 1.3, "figure.dpi": 120,
     "savefig.dpi": 120, "axes.formatter.useoffset": False, "path.simplify": False,
 }
+
+
+def stacked(n: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """n panels above each other, each with an x axis of its own; width, height: of the whole picture [inches]."""
+    from matplotlib.figure import Figure
+
+    drawn = Figure(figsize=(width, height), layout="constrained")
+    return drawn, list(drawn.subplots(n, 1, squeeze=False)[:, 0])
 
 
 @contextmanager

@@ -17,14 +17,15 @@ from drivetool.errors import BadParameters
 from drivetool.files import analysis_shapes, checked, shapes, units
 from drivetool.files.covariances import merged
 from drivetool.files.gains_shapes import GAINS_SCHEMA, GainsFile
+from drivetool.files.inspection_shapes import INSPECTION_SCHEMA, InspectionFile
 from drivetool.files.text import from_yaml
 from drivetool.files.trend_shapes import TRENDS_SCHEMA, TrendsFile
 from drivetool.files.written import factor, naming, written
 from drivetool.identify.estimate import Covariance
+from drivetool.logs.channel_map import SCHEMA as MAP_SCHEMA
 from drivetool.quantity import ELECTRIC
 
 if TYPE_CHECKING:
-    from drivetool.files.inspection import InspectionFile
 
     Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
               | analysis_shapes.ComparisonFile | GainsFile | InspectionFile | TrendsFile)
@@ -199,8 +200,6 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
 
     raises  BadParameters: a file that cannot be read, or that no step writes
     """
-    from drivetool.files.inspection import INSPECTION_SCHEMA, InspectionFile
-
     name, data = read_bytes(path, stdin)
     raw = from_yaml(data, name)
     others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile, **analysis_shapes.KINDS,
@@ -217,8 +216,6 @@ def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
 
 def _instead(schema: str) -> str:
     """What to do about a file that has no table."""
-    from drivetool.logs.channel_map import SCHEMA as MAP_SCHEMA
-
     if schema == MAP_SCHEMA:
         return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
     if schema == "no schema":

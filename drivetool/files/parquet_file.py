@@ -1,8 +1,11 @@
-"""A recording as Parquet: a column per channel on one clock, else a row per value."""
+"""Parquet files: a recording, with a column per channel on one clock, else a row per value; and any rows."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from datetime import datetime
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 
@@ -44,4 +47,29 @@ def recording_bytes(recording: Recording) -> bytes:
     # Streams of equal bytes compress far better than floats as they are.
     pq.write_table(table, buffer, compression="zstd", use_dictionary=["channel", "unit"],
                    column_encoding={f.name: "BYTE_STREAM_SPLIT" for f in fields if f.type == pa.float64()})
+    return buffer.getvalue()
+
+
+def table_bytes(columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> bytes:
+    """Rows as Parquet; the same bytes for the same rows.
+
+    columns  name -> string, double, int32, or timestamp: ISO 8601 in the rows, UTC
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {"string": pa.string(), "double": pa.float64(), "int32": pa.int32(),
+             "timestamp": pa.timestamp("us", tz="UTC")}
+    by_column = list(zip(*rows, strict=True)) or [()] * len(columns)
+    arrays = []
+    for values, kind in zip(by_column, columns.values(), strict=True):
+        if kind == "timestamp":
+            values = tuple(None if v is None else datetime.fromisoformat(v) for v in values)
+        elif kind == "string":  # bytes of a file name that are no text, escaped
+            values = tuple(None if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values)
+        elif kind == "double":
+            values = tuple(None if v is None else float(v) for v in values)
+        arrays.append(pa.array(values, kinds[kind]))
+    buffer = BytesIO()
+    pq.write_table(pa.table(arrays, names=list(columns)), buffer, compression="zstd")
     return buffer.getvalue()

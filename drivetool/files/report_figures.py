@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivetool.files.look import as_written, drawing
-from drivetool.files.plots import decimated
+from drivetool.files.thinning import decimated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +45,6 @@ def figure(exhibit: Exhibit) -> Figure:
 
 def svg(exhibit: Exhibit) -> str:
     """The picture as an SVG element without anything that changes from run to run."""
-    from io import BytesIO
-
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     with drawing(STYLE):

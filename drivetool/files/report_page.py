@@ -9,6 +9,7 @@ from html import escape as _escape
 from drivetool.check.diagnosis import UNLISTED, Diagnosis, Gain
 from drivetool.files import report_words as words
 from drivetool.files import shapes
+from drivetool.files.report_figures import svg
 from drivetool.files.report_style import CSS
 from drivetool.files.tables import rounded, short
 
@@ -88,8 +89,6 @@ def _causes(diagnosis: Diagnosis) -> str:
 
 def _pictures(diagnosis: Diagnosis) -> str:
     """Every figure with how to read it."""
-    from drivetool.files.report_figures import svg
-
     exhibits = [e for kind in _ORDER for e in diagnosis.exhibits if e.kind == kind]
     if not exhibits:
         return ""

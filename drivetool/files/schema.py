@@ -11,8 +11,11 @@ import msgspec
 
 from drivetool.files import analysis_shapes, shapes
 from drivetool.files.gains_shapes import GainsFile
+from drivetool.files.inspection_shapes import InspectionFile
+from drivetool.files.site.shapes import SiteFile
 from drivetool.files.trend_shapes import TrendsFile
 from drivetool.files.write import write_whole
+from drivetool.logs.channel_map import ChannelMapFile
 
 TITLES = {
     "parameters": "drivetool parameter file",
@@ -29,10 +32,6 @@ TITLES = {
 
 def kinds() -> dict[str, type]:
     """Kind of file -> its type, as in TITLES."""
-    from drivetool.files.inspection import InspectionFile
-    from drivetool.files.site.shapes import SiteFile
-    from drivetool.logs.channel_map import ChannelMapFile
-
     return {"parameters": shapes.ParameterFile, "validation": shapes.ValidationFile,
             "channel-map": ChannelMapFile, "inspection": InspectionFile, "spectra": analysis_shapes.SpectraFile,
             "comparison": analysis_shapes.ComparisonFile, "gains": GainsFile, "site": SiteFile,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
@@ -11,33 +13,43 @@ import numpy as np
 from drivetool.check.trends.outliers import Outlier
 from drivetool.check.trends.sentences import between
 from drivetool.check.trends.trend import Change, Trend
-from drivetool.files.look import BLUE, GREY, INK, ORANGE, RED
+from drivetool.files.look import BLUE, GREY, INK, ORANGE, RED, stacked
 from drivetool.identify.results import Z95
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from drivetool.files.trends_file import TrendExhibit
+    from drivetool.files.look import Axes, Figure
 
 PANEL, WIDTH = 1.9, 8.0  # inches
 HEADROOM = 0.3  # of the range of the values, for two lines of text
 LONGEST = 60  # characters of a machine's name
 
 
-def figure(exhibit: TrendExhibit) -> Figure:
-    """A panel per series over the number of the recording."""
-    from matplotlib.figure import Figure
+@dataclass(frozen=True)
+class TrendExhibit:
+    """What the picture of one machine shows: a panel per series."""
 
-    n = len(exhibit.trends)
-    drawn = Figure(figsize=(WIDTH, 1.0 + PANEL * n), layout="constrained")
-    axes = drawn.subplots(n, 1, squeeze=False)[:, 0]
-    for axis, trend in zip(axes, exhibit.trends, strict=True):
-        _panel(axis, trend)
-    axes[0].set_title(f"Trends of {shorten(exhibit.title, LONGEST)}")
-    axes[-1].set_xlabel("recording")
-    drawn.align_ylabels(list(axes))
-    return drawn
+    title: str
+    trends: tuple[Trend, ...]
+    kind: str = "trend"
+
+    def figure(self) -> Figure:
+        """The picture: a panel per series over the number of the recording."""
+        n = len(self.trends)
+        drawn, axes = stacked(n, WIDTH, 1.0 + PANEL * n)
+        for axis, trend in zip(axes, self.trends, strict=True):
+            _panel(axis, trend)
+        axes[0].set_title(f"Trends of {shorten(self.title, LONGEST)}")
+        axes[-1].set_xlabel("recording")
+        drawn.align_ylabels(axes)
+        return drawn
+
+
+def exhibits_of(found: Sequence[Trend]) -> tuple[list[TrendExhibit], list[str]]:
+    """(a picture per machine, names of the machines); a series of equal values has no panel."""
+    drawn = [each for each in found if not each.series.constant]
+    machines = list(dict.fromkeys(each.series.machine for each in drawn))
+    return [TrendExhibit(name, tuple(each for each in drawn if each.series.machine == name))
+            for name in machines], machines
 
 
 def _panel(axis: Axes, trend: Trend) -> None:

@@ -25,7 +25,7 @@ BY_HAND = """
 import os, sys
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO, TextIOWrapper, BytesIO
-from drivetool.cli.main import app
+from drivetool.cli.command_line import app
 
 def greybox(path):
     with redirect_stdout(TextIOWrapper(BytesIO())), redirect_stderr(StringIO()):

@@ -10,10 +10,11 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from drivetool.check.causes import CAUSES
+from drivetool.check.chance import LOOKED, log_tail
 from drivetool.check.diagnosis import Gain
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import Forecast, blocks_under_test, gain_of
-from drivetool.check.fit.heldout import LOOKED, Score, log_tail, price_of, surprise, total_evidence
+from drivetool.check.fit.heldout import Score, price_of, surprise, total_evidence
 from drivetool.check.search import foretell, lines
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Tried

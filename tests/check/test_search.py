@@ -169,7 +169,7 @@ def test_a_law_takes_the_place_of_its_special_case_that_was_found_before(monkeyp
 @pytest.mark.parametrize(("gain", "taken"), [(90.0, True), (70.0, False)])
 def test_one_more_of_its_kind_is_taken_where_samples_held_out_agree(monkeypatch, gain, taken):
     one, more = model_of("torque-ripple", -90.0), model_of("torque-ripple", -180.0)
-    cause = replace(CAUSES["torque-ripple"], another=lambda model, _: more if model is one else None)
+    cause = replace(CAUSES["torque-ripple"], another=lambda model, *_: more if model is one else None)
     monkeypatch.setattr(searching, "CAUSES", {**CAUSES, "torque-ripple": cause})
     monkeypatch.setattr(searching, "with_parts", lambda model, _: model)
     monkeypatch.setattr(searching, "score", lambda model, *_: Score(

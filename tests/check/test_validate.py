@@ -10,7 +10,7 @@ import yaml
 from drivetool.check.validation.remarks import of_ranking
 from drivetool.check.validation.result import ValidateOptions
 from drivetool.check.validation.validate import validate
-from drivetool.cli import main
+from drivetool.cli import command_line
 from drivetool.drive.chain import one_body, two_mass, vehicle
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.logs.build import open_experiment
@@ -316,7 +316,7 @@ def test_exit_codes_and_files_at_the_command_line(tmp_path, monkeypatch, capfd):
 
     def call(*words):
         with pytest.raises(SystemExit) as left:
-            main.app(["validate", log, *words, "-o", "v.yaml"], prog_name="drivetool")
+            command_line.app(["validate", log, *words, "-o", "v.yaml"], prog_name="drivetool")
         written = yaml.safe_load(Path("v.yaml").read_text())
         Path("v.yaml").unlink()
         return left.value.code or 0, written, capfd.readouterr().err

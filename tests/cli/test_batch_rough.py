@@ -15,6 +15,7 @@ from drivetool.cli.batch.run import run_site
 from drivetool.cli.batch.setting import Setting
 from drivetool.cli.batch.tasks import Maker, Output, again
 from drivetool.cli.batch.worker import done
+from drivetool.cli.command_line import parsed
 from drivetool.errors import BadOption, BadParameters
 from drivetool.files.site.manifest import NAME, Manifest, open_manifest, read_manifest
 from drivetool.files.site.shapes import RecordingsSection
@@ -93,7 +94,7 @@ def test_a_recording_that_is_gone_meanwhile_is_done_once_it_is_back(here, call, 
 
 
 def test_a_computer_that_does_not_see_the_folder_makes_no_lasting_problem(here):
-    answer = done({"folder": str(here / "nowhere"), "words": ["steady"]})
+    answer = done({"folder": str(here / "nowhere"), "words": ["steady"]}, "")
     assert again({"limit": 0.0, **answer}, {"time": 1.0}, False) == [
         "its recording could not be read as it was found"]
 
@@ -175,7 +176,7 @@ def test_the_order_of_parameter_files_by_hand_is_an_input(here):
         Path(f"{name}.yaml").write_text("x")
     sites.write_site(here, recipe=[{"command": "steady --params a.yaml --params b.yaml", "name": "one"},
                                    {"command": "steady --params b.yaml --params a.yaml", "name": "two"}])
-    one, two = steps_of(load_site("site.yaml"), here, "site.yaml")
+    one, two = steps_of(load_site("site.yaml"), here, "site.yaml", parsed)
     assert one.files == two.files and one.options != two.options
 
 

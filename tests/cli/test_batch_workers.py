@@ -8,8 +8,9 @@ import threading
 
 import pytest
 
+from drivetool.cli.batch.executor import once
 from drivetool.cli.batch.pool import Limits, Pool, Worker
-from drivetool.cli.batch.setting import once
+from drivetool.cli.command_line import run_words
 from tests import sites
 
 ENOUGH = Limits(60.0, 2000.0)
@@ -31,7 +32,7 @@ def test_a_task_that_never_ends_and_one_whose_worker_is_killed(here):
     for name in "good.parquet", "later.parquet":
         sites.write(name, 1, metadata={"serial": "7"})
     os.mkfifo("endless.parquet")
-    pool = Pool(1, Limits(8.0, 2000.0))
+    pool = Pool(1, Limits(8.0, 2000.0), run_words)
     try:
         answers = dict(pool.serve(once(looks(here, "good.parquet", "endless.parquet", "later.parquet"))))
         assert answers[0]["metadata"] == answers[2]["metadata"] == {"serial": "7"}
@@ -100,7 +101,7 @@ def test_too_much_memory(here, call):
 def test_a_worker_ends_with_its_parent(here):
     """Its input ends, whatever it is at."""
     os.mkfifo("endless.parquet")
-    worker = Worker(queue.Queue())
+    worker = Worker(queue.Queue(), run_words)
     worker.give(0, looks(here, "endless.parquet")[0])
     worker.process.stdin.close()
     assert worker.process.wait(30) == 0

@@ -18,7 +18,7 @@ import typer
 import yaml
 
 import drivetool
-from drivetool.cli import main, outcomes
+from drivetool.cli import command_line, outcomes
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from tests.places import ROOT
@@ -78,7 +78,7 @@ def process(*words, stdin=None, module="drivetool.cli.main"):
 def test_help_lists_the_commands_and_version_is_told():
     done = process("--help")
     assert done.returncode == 0 and not done.stderr
-    for command in main.COMMANDS:
+    for command in command_line.COMMANDS:
         assert f"\n  {command} " in done.stdout
     assert process("--version").stdout == f"drivetool {drivetool.__version__}\n"
 
@@ -89,12 +89,13 @@ def test_help_imports_nothing_heavy():
     assert not {"numpy", "scipy", "pyarrow", "matplotlib", "numba", "yaml", "msgspec", "mcap"} & set(loaded)
 
 
-@pytest.mark.parametrize("command", main.COMMANDS)
+@pytest.mark.parametrize("command", command_line.COMMANDS)
 def test_every_command_has_an_example_that_parses(call, command):
-    example = main.COMMANDS[command].EXAMPLE
+    example = command_line.COMMANDS[command].EXAMPLE
     name, step, *words = shlex.split(example)
     assert (name, step) == ("drivetool", command) and words
-    parsed = typer.main.get_command(main.app).commands[command].make_context(step, words)  # parses, runs nothing
+    app = typer.main.get_command(command_line.app)
+    parsed = app.commands[command].make_context(step, words)  # parses, runs nothing
     assert not parsed.args and parsed.params
     assert call(command, "--help")[1].endswith(f"\n    {example}\n") and len(example) <= 76
 
@@ -108,7 +109,7 @@ def test_a_shell_completes_words(words, wanted):
     assert done.stdout.split() == wanted and done.stderr == ""
 
 
-@pytest.mark.parametrize("command", main.COMMANDS)
+@pytest.mark.parametrize("command", command_line.COMMANDS)
 def test_every_command_has_help(call, command):
     code, out, err = call(command, "--help")
     assert code == 0 and not err and out.startswith(f"Usage: drivetool {command}")
@@ -272,11 +273,12 @@ def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
 STUBBED = """
 import sys, types
 sys.path.insert(0, {root!r})
+from drivetool.cli.main import run
 from tests.cli import test_boundary
 from tests.places import ROOT
 for step in ("steady", "blackbox", "greybox", "backlash"):
     sys.modules["drivetool.identify." + step] = types.SimpleNamespace(**{{step: test_boundary.estimator}})
-test_boundary.main.run()
+run()
 """
 
 

@@ -8,13 +8,13 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.cli import main
+from drivetool.cli import command_line
 from drivetool.errors import BadRecording
 from tests.cli.test_simulate import fixture_file
 
 # These show or pass on what was logged; nothing may be changed there.
 AS_LOGGED = {"inspect", "convert", "init"}
-READING = [name for name, module in main.COMMANDS.items()
+READING = [name for name, module in command_line.COMMANDS.items()
            if {"log", "logs"} & set(inspect.signature(module.command).parameters) and name not in AS_LOGGED]
 STEPS = ["despike", "lowpass cutoff=120"]
 WORDS = [word for step in STEPS for word in ("--condition", step)]

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import jsonschema
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 import yaml
 from mcap.writer import CompressionType
 
-from drivetool.cli import main
+from drivetool.cli import command_line
 from drivetool.files.inspect_picture import panels
 from drivetool.files.inspection import exhibit
 from drivetool.files.schema import schemas
@@ -37,7 +38,7 @@ def call(capfd, tmp_path, monkeypatch):
 
     def run(*words):
         with pytest.raises(SystemExit) as left:
-            main.app([str(word) for word in words], prog_name="drivetool")
+            command_line.app([str(word) for word in words], prog_name="drivetool")
         text = capfd.readouterr()
         assert "Traceback" not in text.err
         return left.value.code or 0, text.out, text.err
@@ -114,7 +115,7 @@ def test_inspect_as_yaml_json_and_picture(tmp_path, call):
 
 def test_inspect_table_on_a_terminal(tmp_path, call, monkeypatch):
     hurt(tmp_path / "a.parquet")
-    monkeypatch.setattr(type(main.sys.stdout), "isatty", lambda self: True, raising=False)
+    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True, raising=False)
     _, out, _ = call("inspect", "a.parquet", "-q")
     out = re.sub(r"\x1b\[[0-9;]*m", "", out)
     assert max(len(line) for line in out.splitlines() if "  a step" not in line) <= 80

@@ -3,7 +3,8 @@
 import pytest
 import yaml
 
-from drivetool.cli.record_option import BETWEEN, joined
+from drivetool.cli.job import BETWEEN
+from drivetool.cli.record_option import joined
 from drivetool.errors import BadParameters
 from drivetool.files.parameter_file import load_parameters
 from tests.cli.test_inverse import logged

@@ -2,7 +2,7 @@
 
 import re
 
-from drivetool.cli.main import COMMANDS
+from drivetool.cli.command_line import COMMANDS
 from tests.places import ROOT
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

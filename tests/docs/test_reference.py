@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from drivetool.cli.main import COMMANDS
+from drivetool.cli.command_line import COMMANDS
 from drivetool.finding_codes import CODES
 from drivetool.logs.roles import FURTHER, ROLES
 from tests.places import ROOT

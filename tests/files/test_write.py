@@ -16,7 +16,7 @@ from rich.console import Console
 from drivetool.check.validation.result import RecordCheck, Validation
 from drivetool.drive.chain import two_mass
 from drivetool.errors import BadOption, CannotWrite, Finding
-from drivetool.files import plots, schema, tables, write
+from drivetool.files import plots, schema, tables, thinning, write
 from drivetool.files.parameter_file import load_parameters, load_result
 from drivetool.files.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
@@ -306,7 +306,7 @@ def test_names_follow_the_records(tmp_path):
 def test_thinning_keeps_every_peak():
     y = np.zeros(100_003)
     y[[5, 77_777, 100_002]] = 9.0, -9.0, 3.0
-    x, thin = plots.decimated(np.arange(y.size), y)
+    x, thin = thinning.decimated(np.arange(y.size), y)
     assert len(x) <= 2400 and np.all(np.diff(x) >= 0)
     assert thin.max() == 9.0 and thin.min() == -9.0 and thin[-1] == 3.0
 
@@ -314,11 +314,11 @@ def test_thinning_keeps_every_peak():
 @pytest.mark.parametrize("size", [300, 100_000])
 def test_no_line_is_drawn_over_a_gap(size):
     time = np.delete(np.arange(size) * 1e-3, np.arange(size // 3, size // 2))
-    x, y = plots.decimated(time, np.cos(time))
+    x, y = thinning.decimated(time, np.cos(time))
     gap = np.flatnonzero(np.isnan(y))
     assert len(gap) == 1 and x[gap[0]] == time[size // 3 - 1]
     assert x[0] == time[0] and abs(x[gap[0] - 1] - time[size // 3 - 1]) < 0.2 and np.all(np.diff(x) >= 0.0)
-    whole, curve = plots.decimated(np.geomspace(1.0, 1e3, 400), np.ones(400))
+    whole, curve = thinning.decimated(np.geomspace(1.0, 1e3, 400), np.ones(400))
     assert len(whole) == 400 and np.all(np.isfinite(curve))
 
 

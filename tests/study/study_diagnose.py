@@ -170,7 +170,7 @@ def run_inside(folder: Path, words: Sequence[object]) -> subprocess.CompletedPro
 
     Saves the start of an interpreter per command. Only for records without a label that it could see.
     """
-    from drivetool.cli.main import app
+    from drivetool.cli.command_line import app
 
     command, out, err = [str(word) for word in words], StringIO(), StringIO()
     with chdir(folder), redirect_stdout(out), redirect_stderr(err):

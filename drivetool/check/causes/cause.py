@@ -6,25 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from drivetool.check.causes.start import Bounds, Start
+
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State
     from drivetool.check.fit.model import Masks, Model
     from drivetool.identify.engine import Task
-
-Bounds = Mapping[str, tuple[float, float]]  # parameter -> lowest and highest value
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where the fit of a cause starts: the task with all that is free, and what is worth a first step.
-
-    amplitudes  of the free names, those whose first guess a linear step gives
-    quiet       the base under a quieter noise, where the fit is to begin; None: it begins under the base's
-    """
-
-    task: Task
-    amplitudes: tuple[str, ...]
-    quiet: Model | None = None
 
 
 @dataclass(frozen=True)
@@ -61,9 +48,10 @@ class Cause:
     costly       whether its starts cost fits: looked for where nothing else explains the records
     rough        whether its likelihood has many valleys, all of which are followed
     ends         (base, samples) -> ends of fits by a search of its own, the likeliest first
-    refined      (model with it, base, samples) -> the same with what only a finished fit can tell
-    another      (model with it, samples) -> the same with one more of its kind, at another order, say; None: none
-                 is asked for
+    refined      (model with it, base, samples, refitted) -> the same with what only a finished fit can tell;
+                 refitted: a function of the search that fits it with other parameters free
+    another      (model with it, samples, most_promising) -> the same with one more of its kind, at another order,
+                 say; None: none is asked for; most_promising: a function of the search that chooses a start
     """
 
     code: str
@@ -95,8 +83,8 @@ class Cause:
     costly: bool = False
     rough: bool = False
     ends: Callable[[Model, Masks], Sequence[Model]] | None = None
-    refined: Callable[[Model, Model, Masks], Model] | None = None
-    another: Callable[[Model, Masks], Model | None] | None = None
+    refined: Callable[[Model, Model, Masks, Callable], Model] | None = None
+    another: Callable[[Model, Masks, Callable], Model | None] | None = None
 
     @property
     def of_record(self) -> bool:

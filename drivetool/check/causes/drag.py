@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
 from drivetool.check.causes.starts import on_any_body
 
 if TYPE_CHECKING:

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
 from drivetool.check.causes.starts import added, hardly_late, no_faster, of_lag, present, traceless
 
 if TYPE_CHECKING:
@@ -31,14 +32,12 @@ def _trace(owner: str) -> Callable[[Model], Start]:
     return trace
 
 
-def _damped(owner: str) -> Callable[[Model, Model, Masks], Model]:
+def _damped(owner: str) -> Callable[[Model, Model, Masks, Callable], Model]:
     """A lag of second order with its damping fitted too, where that pays.
 
     Free from the start, it would make a lag of first order one of second order with two bandwidths.
     """
-    def refined(model: Model, base: Model, masks: Masks) -> Model:
-        from drivetool.check.search.attempt import refitted
-
+    def refined(model: Model, base: Model, masks: Masks, refitted: Callable) -> Model:
         bandwidth, order, damping = (f"{owner}.{what}" for what in ("bandwidth", "order", "damping"))
         drive = model.task.drive
         if bandwidth not in model.task.free or drive.value(order) != 2.0 or damping in model.task.free:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
 from drivetool.check.causes.starts import added, present
 from drivetool.drive.effects.load_step import RECORDS, STEPS, TIMES, TORQUES
 
@@ -46,13 +47,12 @@ def _at_an_end(model: Model, _: Model) -> str:
     return "" if inside else "it would set in where the record begins or ends"
 
 
-def _without_trifles(model: Model, base: Model, masks: Masks) -> Model:
+def _without_trifles(model: Model, base: Model, masks: Masks, _: Callable) -> Model:
     """The model without the steps that are not to be told from zero, as long as one is left; numbered in order.
 
     Beside the largest each must stand out from what chance makes at the best of many instants.
     """
-    from drivetool.check.search.attempt import TOLD, values_of
-    from drivetool.check.search.reduce import without_them
+    from drivetool.check.search.reduce import TOLD, values_of, without_them
 
     sizes = {p.name: abs(p.value / p.std) for p in values_of(model, base) if p.std and p.name.endswith(TORQUES)}
     largest = max(sizes, key=lambda n: sizes[n], default=None)
@@ -63,7 +63,7 @@ def _without_trifles(model: Model, base: Model, masks: Masks) -> Model:
     return _in_order(model)
 
 
-def _with_another(model: Model, masks: Masks) -> Model | None:
+def _with_another(model: Model, masks: Masks, most_promising: Callable) -> Model | None:
     """The model with a load that sets in at one instant more, None where no instant asks for that.
 
     Beside a base that takes them all for noise of the torque only the largest is seen: under the noise that is left
@@ -71,15 +71,12 @@ def _with_another(model: Model, masks: Masks) -> Model | None:
     """
     from drivetool.check.fit.instants import load_steps
     from drivetool.check.fit.model import BROKEN, fit
-    from drivetool.check.search.begin import begin, stand_at
 
     if sum(n.endswith(TORQUES) for n in model.task.free) == len(STEPS):
         return None
     try:
-        stand = stand_at(model)
-        begun = [begin(stand, CAUSES[0], with_steps(model, instants), masks) for instants in load_steps(model)
-                 if len(instants) == 1]
-        best = max(begun, key=lambda b: b.promise, default=None)
+        starts = [with_steps(model, instants) for instants in load_steps(model) if len(instants) == 1]
+        best = most_promising(model, CAUSES[0], starts, masks)
         more = None if best is None or best.promise < ENOUGH else fit(best.ready(masks), masks)
     except BROKEN:  # what was found before that stands
         return None

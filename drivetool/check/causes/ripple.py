@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
 from drivetool.check.causes.starts import added, new_values, present, travel
 from drivetool.drive.effects.ripple import KINDS, RIPPLES
 
@@ -39,23 +41,19 @@ def _unrepeated(model: Model, base: Model) -> str:
     return "it would not repeat in the record" if once else ""
 
 
-def _with_another_order(model: Model, masks: Masks) -> Model | None:
+def _with_another_order(model: Model, masks: Masks, most_promising: Callable) -> Model | None:
     """Cogging, slots and screws seldom leave one order alone."""
-    from drivetool.check.fit.heldout import unlikely
+    from drivetool.check.chance import TRIFLE, unlikely
     from drivetool.check.fit.model import BROKEN, fit
     from drivetool.check.fit.scan import likely_orders
-    from drivetool.check.search.attempt import TRIFLE
-    from drivetool.check.search.begin import begin, stand_at
 
     body, values = model.task.drive.bodies[0], model.fitted.drive.values
     unused = [r for r in RIPPLES if not present(model, f"{body}.{r}_sine")]
     known = np.array([values[f"{body}.{r}_order"] for r in RIPPLES if f"{body}.{r}_order" in model.task.free])
     try:
-        stand = stand_at(model)
         orders = [order for order in likely_orders(model) if np.all(np.abs(order / known - 1.0) > NEAR)]
-        begun = [begin(stand, CAUSES[0], _with_order(model, unused[0], order), masks)
-                 for order in (orders if unused else ())]
-        best = max(begun, key=lambda b: b.promise, default=None)
+        starts = [_with_order(model, unused[0], order) for order in (orders if unused else ())]
+        best = most_promising(model, CAUSES[0], starts, masks)
         if best is None or best.promise < TRIFLE:
             return None
         more = fit(best.ready(masks), masks)

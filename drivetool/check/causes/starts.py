@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.check.causes.cause import Bounds, Start
+from drivetool.check.causes.start import Bounds, Start
 
 if TYPE_CHECKING:
     from drivetool.check.fit.model import Model

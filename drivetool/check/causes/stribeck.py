@@ -7,7 +7,8 @@ from contextlib import suppress
 from itertools import product
 from typing import TYPE_CHECKING
 
-from drivetool.check.causes.cause import Bounds, Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Bounds, Start
 from drivetool.check.causes.starts import added, bodies_without, motion, new_values, present, torque_size
 
 if TYPE_CHECKING:
@@ -38,14 +39,13 @@ def _bounds(base: Model, task: Task) -> Bounds:
     return {n: (0.0, motion(base, n.rpartition(".")[0])[0]) for n in task.free if n.endswith(".stribeck_speed")}
 
 
-def _shaped(model: Model, base: Model, masks: Masks) -> Model:
+def _shaped(model: Model, base: Model, masks: Masks, refitted: Callable) -> Model:
     """The same with the power by which the surplus fades fitted too, where that pays.
 
     Measured curves fade as exponentials or bells, or by powers between and beyond (Armstrong-Helouvry 1991, chapter
     4). A curve of another power leaves a rest that a drag, a gap or friction at the other end would make up for.
     """
-    from drivetool.check.fit.model import BROKEN
-    from drivetool.check.search.attempt import FIRST, refitted
+    from drivetool.check.fit.model import BROKEN, FIRST
 
     names = [f"{n.removesuffix('.stribeck')}.stribeck_power" for n, _ in new_values(model, base, ".stribeck")]
     names = [n for n in names if n not in model.task.free]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivetool.check.causes.cause import Bounds, Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Bounds, Start
 
 if TYPE_CHECKING:
     from drivetool.check.diagnosis import State

@@ -14,13 +14,12 @@ import numpy as np
 
 from drivetool.check.faults.agreement import agreement, pushed, travelled
 from drivetool.check.faults.lateness import lag_of
-from drivetool.check.faults.resolution import resolution
+from drivetool.check.faults.resolution import COARSE, resolution
 from drivetool.check.faults.spikes import OUTPUTS, without_outliers
 from drivetool.errors import Finding
 from drivetool.identify.setup import white_std
 from drivetool.logs.experiment import Experiment
 
-COARSE = 0.1  # share of the noise variance that rounding explains, from which it is a cause: a step of 1.1 std
 FINE, FASTEST = 10.0, 0.98  # steps of an angle in a sample of fast motion, from which they are a sensor's own
 SCALE = 0.003  # relative error of a channel below which it is not blamed
 SURE = 6.0  # standard errors of a slope

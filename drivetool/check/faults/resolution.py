@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+COARSE = 0.1  # share of the noise variance that rounding explains, from which it is a cause: a step of 1.1 std
 OFF = 1e-3  # of a step, that a difference may be off by for every step it is long, where there are few to tell
 MANY = 20  # differences, from which chance does not make them multiples of anything
 LOOKED = 300  # of them, at most

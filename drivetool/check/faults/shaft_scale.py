@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drivetool.check.chance import unlikely
 from drivetool.check.faults.shaft import BLAMED, SCALE, rescaled
-from drivetool.check.fit.heldout import unlikely
 from drivetool.check.fit.model import BROKEN, Masks, Model, everything, fit, judge
 from drivetool.check.search.decide import LEAST, SURPLUS
 from drivetool.check.search.result import Searched

@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gammaincc, gammaln
 
 from drivetool.check.causes import FITTED
+from drivetool.check.chance import unlikely
 from drivetool.check.fit.allowance import allowed
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.model import (
@@ -32,7 +32,6 @@ from drivetool.identify.setup import first_states, problem_of
 ONE_OFF = tuple(suffix for cause in FITTED for suffix in cause.located)
 SEARCHED = tuple(suffix for cause in FITTED for suffix in cause.searched)
 LOOKS = 1000  # instants, or orders of a ripple, that a record can tell apart, about
-LOOKED = 1e5  # things that a search looks at and that a record can tell apart, at most
 INEXACT = 0.03  # of what the causes before gained, that an inexact law of theirs may leave
 ALONE = 0.75  # of what a cause gains, that may lie in one block
 SURELY = 2.0  # standard errors of a gain on data held out, or times what blocks lose by it that the others gain
@@ -253,24 +252,10 @@ def surprise(one: Score, gained: float = 0.0) -> float:
     return unlikely(one.lead, one.further)
 
 
-def unlikely(lead: float, further: int) -> float:
-    """Natural log of one over the share of records without a cause in which one of so many parameters leads so."""
-    return float(-log_tail(2.0 * max(lead, 0.0), max(further, 1)) - np.log(LOOKED))
-
-
 def in_one_place(one: Score, base: Model) -> bool:
     """Whether one block has nearly all that a cause gains, though it is no event that happens once."""
     new = [n for n in one.model.task.free if n not in base.task.free]
     return not any(n.endswith(ONE_OFF) for n in new) and float(one.gains.max()) > ALONE * one.gain
-
-
-def log_tail(x: float, degrees: int) -> float:
-    """Log of the share of a chi-square above x; far out, where the share is no number any more, by its series."""
-    half, there = 0.5 * degrees, float(gammaincc(0.5 * degrees, 0.5 * x))
-    if there > 1e-250:
-        return float(np.log(there))
-    y = 0.5 * x
-    return float((half - 1.0) * np.log(y) - y - gammaln(half) + np.log1p((half - 1.0) / y))
 
 
 def total_evidence(scores: Sequence[Score], gained: float = 0.0) -> float:

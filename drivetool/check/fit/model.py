@@ -35,6 +35,7 @@ Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 BROKEN = (DriveToolError, np.linalg.LinAlgError, FloatingPointError)  # what a fit that fails may raise
 WIDE = np.log(3.0) * np.arange(-3, 4)  # of how loud a sensor may be against the guess
 CLEARLY = 10.0  # log likelihood by which another noise is worth a fit: absorbed torque noise gains a few
+FIRST = 3  # rounds of a first fit
 MOST, COLOURED = 12, 4  # rounds of gains and least squares, and of those under a noise that remembers
 SLOWER = 0.7  # of the rate at which torque noise forgets
 WORSE = 0.25  # of the error of free runs, by which it may grow

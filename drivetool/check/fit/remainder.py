@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_toeplitz
 
-from drivetool.check.faults.preflight import COARSE
-from drivetool.check.faults.resolution import resolution
+from drivetool.check.faults.resolution import COARSE, resolution
 from drivetool.check.fit.model import (
     BROKEN,
     Masks,

@@ -14,7 +14,9 @@ from types import MappingProxyType
 import numpy as np
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import UNLISTED, CandidateResult, DiagnoseOptions, Diagnosis, Facts, Gain, Round
 from drivetool.check.fit.folds import blocks_of
 from drivetool.check.fit.forecast import gain_by_blocks
@@ -35,7 +37,6 @@ from drivetool.check.report.rules import judged
 from drivetool.check.report.sentence import experiment_of, sentence_of
 from drivetool.check.report.size import sizes_of
 from drivetool.check.search.absence import law_of, why_absent
-from drivetool.check.search.attempt import TRIFLE
 from drivetool.check.search.decide import Decision, decide
 from drivetool.check.search.result import Found
 from drivetool.drive.chain import AT, TOTALS, Drive

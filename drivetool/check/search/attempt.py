@@ -8,29 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import State
-from drivetool.check.fit.model import BROKEN, MOST, Masks, Model, fit
+from drivetool.check.fit.model import BROKEN, FIRST, MOST, Masks, Model, fit
 from drivetool.check.fit.structure import carried, third_of
 from drivetool.check.search.absence import needed, why_absent
 from drivetool.check.search.begin import Begun, Stand, begin, bounded, kind_of, stand_at
+from drivetool.check.search.reduce import TOLD, values_of
 from drivetool.check.search.smallest import resolved_at
 from drivetool.identify.engine import Task
-from drivetool.identify.estimate import Parameter
-from drivetool.identify.least_squares import Solution
-from drivetool.identify.noise import normal_under
-from drivetool.identify.results import parameters_of
 from drivetool.identify.setup import problem_of
 from drivetool.identify.third_mass import tip_names
 
 STARTS = 2  # of a kind that are worth a fit, the most promising ones
 ROUGH = 3  # the same where the likelihood is rough
 LEAST = 0.1  # of the best promise, below which a start is not worth a fit
-FIRST = 3  # rounds of a first fit
 HALF = 0.5  # of what the likeliest cause gains, below which a first fit goes no further
 AHEAD = 50.0  # log likelihood by which an end of another kind may be behind the best one anyhow
 CLOSE = 0.7  # of what the best gains, by which it may be behind where that is more
-TRIFLE = 2.0  # log likelihood below which a cause is not fitted or judged
-TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
 
 
 @dataclass(frozen=True)
@@ -124,7 +119,7 @@ def attempt(screened: Screened, base: Model, masks: Masks, more: Iterable[Model]
             continue
         try:
             model = fit(model, masks)
-            finished.append(cause.refined(model, base, masks) if cause.refined is not None else model)
+            finished.append(cause.refined(model, base, masks, refitted) if cause.refined is not None else model)
         except BROKEN as error:
             reason = str(error)
     if not finished:
@@ -208,11 +203,3 @@ def sizeable(tried: Tried, base: Model) -> Tried:
     if max(sizes, default=0.0 if longer else np.inf) > TOLD:
         return tried
     return replace(tried, reason="its size is not to be told from zero", absent="no-gain")
-
-
-def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:
-    """What the cause adds to the base, with intervals where there are any."""
-    normal = normal_under(model.problem, model.point, model.noise)
-    lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
-                                model.fitted.drive)
-    return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drivetool.check.causes import FITTED
-from drivetool.check.causes.cause import Cause, Start
+from drivetool.check.causes.cause import Cause
+from drivetool.check.causes.start import Start
 from drivetool.check.fit.linear_step import alone, linear_step
 from drivetool.check.fit.model import Masks, Model, begun, first_noise, judge
 from drivetool.check.fit.structure import carried
@@ -110,6 +111,12 @@ def begin(stand: Stand, cause: Cause, start: Start, masks: Masks) -> Begun:
     whole = problem.moved(model.point, *marquardt_step(problem, model.point, normal, 1e-9, ~moves))
     return Begun(cause, replace(model, point=Point(values, model.point.starts)), promise,
                  {n: float(std[j]) for n, j in zip(start.amplitudes, at, strict=True)}, whole)
+
+
+def most_promising(model: Model, cause: Cause, starts: Iterable[Start], masks: Masks) -> Begun | None:
+    """Of the starts of a cause on top of a model the one that promises most; None: there is no start."""
+    stand = stand_at(model)
+    return max((begin(stand, cause, start, masks) for start in starts), key=lambda b: b.promise, default=None)
 
 
 def _heard(model: Model, masks: Masks) -> Model:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
+from drivetool.check.chance import TRIFLE, unlikely
 from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.fit.heldout import score, unlikely
+from drivetool.check.fit.heldout import score
 from drivetool.check.fit.model import BROKEN, Model
 from drivetool.check.fit.remainder import remainder
-from drivetool.check.search.attempt import TRIFLE
 from drivetool.check.search.decide import SHARE
 from drivetool.check.search.foretell import runs_worse
 from drivetool.check.search.reduce import without_them

@@ -1,4 +1,4 @@
-"""A model without some of what was found."""
+"""A model beside its base: what it adds, and the model without some of that."""
 
 from __future__ import annotations
 
@@ -8,7 +8,21 @@ from dataclasses import replace
 from drivetool.check.fit.model import MOST, Masks, Model, fit
 from drivetool.check.fit.structure import carried, third_of, without_third
 from drivetool.drive.chain import Drive
+from drivetool.identify.estimate import Parameter
+from drivetool.identify.least_squares import Solution
+from drivetool.identify.noise import normal_under
+from drivetool.identify.results import parameters_of
 from drivetool.identify.third_mass import tip_names
+
+TOLD = 2.5  # standard deviations by which one amplitude of a cause must differ from zero
+
+
+def values_of(model: Model, base: Model) -> tuple[Parameter, ...]:
+    """What the cause adds to the base, with intervals where there are any."""
+    normal = normal_under(model.problem, model.point, model.noise)
+    lines, _, _ = parameters_of(model.problem, Solution(model.point, normal, 0, True), model.task.drive,
+                                model.fitted.drive)
+    return tuple(p for p in lines if p.name in model.task.free and p.name not in base.task.free)
 
 
 def without_them(model: Model, names: Sequence[str], first: Drive, masks: Masks, most: int = MOST) -> Model:

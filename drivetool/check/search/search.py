@@ -15,6 +15,7 @@ import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
 from drivetool.check.causes.cause import Cause
+from drivetool.check.chance import TRIFLE
 from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
 from drivetool.check.fit.forecast import exact
 from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
@@ -22,8 +23,8 @@ from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard, run
 from drivetool.check.fit.parts import with_parts
 from drivetool.check.fit.remainder import remainder
 from drivetool.check.fit.samples import Split
-from drivetool.check.search.attempt import HALF, TRIFLE, Screened, Tried, as_special_case, attempt, screen, sizeable
-from drivetool.check.search.begin import stand_at
+from drivetool.check.search.attempt import HALF, Screened, Tried, as_special_case, attempt, screen, sizeable
+from drivetool.check.search.begin import most_promising, stand_at
 from drivetool.check.search.decide import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
 from drivetool.check.search.imitation import imitates
@@ -252,7 +253,7 @@ class Search:
         """The next node: the best cause, with all of its kind that is asked for and samples held out agree to."""
         model, gain, trained = best.model, best.gain, best.trained
         another = CAUSES[model.code].another
-        while another is not None and (more := another(model, self.masks)) is not None:
+        while another is not None and (more := another(model, self.masks, most_promising)) is not None:
             known = score(more, self.base(node.model).model, self.base(node.model).folds, self.split)
             if known.gain < gain:
                 break

@@ -9,10 +9,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from drivetool.cli.batch.executor import UNREAD, Numbered
 from drivetool.cli.batch.kept import keep, take_over
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, content_of
-from drivetool.cli.batch.setting import UNREAD, Numbered, Setting
+from drivetool.cli.batch.setting import Setting
 from drivetool.cli.batch.tasks import Line, Maker, Output, Task, reasons
 from drivetool.files.site.manifest import Manifest
 from drivetool.progress import tell

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from drivetool.cli.batch.executor import More, Runner, once
 from drivetool.cli.batch.pool import Answer, Limits, Pool
-from drivetool.cli.batch.setting import More, once
 from drivetool.cli.batch.worker import numerics
 from drivetool.errors import BadOption, DriveToolError
 
@@ -22,10 +22,11 @@ _here = threading.local()
 
 @dataclass
 class Cluster:
-    """An executor that hands tasks to a scheduler; client: dask.distributed's."""
+    """An executor that hands tasks to a scheduler; client: dask.distributed's; runner: does the steps there."""
 
     client: Any
     limits: Limits
+    runner: Runner
 
     def serve(self, more: More) -> Iterator[tuple[int, Answer]]:
         """Do tasks until there are no more; (number, what came of it) of each as it ends; see `Executor`.
@@ -39,7 +40,7 @@ class Cluster:
 
         def submit() -> None:
             for number, task in more():
-                future = self.client.submit(remote, task, self.limits, mine, pure=False)
+                future = self.client.submit(remote, task, self.limits, self.runner, mine, pure=False)
                 numbers[future] = number
                 ended.add(future)
 
@@ -70,22 +71,22 @@ def _killed() -> Answer:
             "ended first. Run the step by hand to see why; --retry tries it again."}
 
 
-def remote(task: dict[str, Any], limits: Limits, expected: dict[str, str]) -> Answer:
+def remote(task: dict[str, Any], limits: Limits, runner: Runner, expected: dict[str, str]) -> Answer:
     """A task on a worker of the cluster, in a process of its own so that its limits hold there, too."""
     if numerics() != expected:
         return {"numerics": numerics()}
     pool: Pool | None = getattr(_here, "pool", None)
-    if pool is None or pool.limits != limits:
+    if pool is None or (pool.limits, pool.runner) != (limits, runner):
         if pool is not None:
             pool.close()
-        pool = _here.pool = Pool(1, limits)
+        pool = _here.pool = Pool(1, limits, runner)
     [(_, answer)] = list(pool.serve(once([task])))
     return answer
 
 
 @contextmanager
-def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
-    """The cluster behind a scheduler.
+def cluster(address: str, limits: Limits, runner: Runner) -> Iterator[Cluster]:
+    """The cluster behind a scheduler; runner: does the steps on its workers.
 
     raises  BadOption: no address, or dask.distributed is not installed
             DriveToolError: nobody answers, or nobody works
@@ -110,6 +111,6 @@ def cluster(address: str, limits: Limits) -> Iterator[Cluster]:
             client.wait_for_workers(1, timeout=PATIENCE)
         except TimeoutError:
             raise DriveToolError(f"workers of the Dask scheduler at {address}", "none", NONE_THERE) from None
-        yield Cluster(client, limits)
+        yield Cluster(client, limits, runner)
     finally:
         client.close(timeout=PATIENCE)

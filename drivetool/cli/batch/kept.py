@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from drivetool.cli.batch.setting import UNREAD
+from drivetool.cli.batch.executor import UNREAD
 from drivetool.cli.batch.tasks import Line, Task
 from drivetool.files.site.manifest import Manifest
 from drivetool.files.site.told import told

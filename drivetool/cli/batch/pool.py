@@ -17,7 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivetool.cli.batch.setting import More
+import drivetool
+from drivetool.cli.batch import worker as at_work
+from drivetool.cli.batch.executor import More, Runner
 from drivetool.errors import BadOption, DriveToolError
 
 POLL = 0.1  # s between two looks at the clock and the memory of the workers
@@ -37,14 +39,17 @@ class Limits:
 
 
 class Worker:
-    """A process that does tasks; what it answers, and that it ended, goes into the inbox."""
+    """A process that does tasks; what it answers, and that it ended, goes into the inbox.
 
-    def __init__(self, inbox: queue.Queue[tuple[Worker, Answer | None]]):
-        source = str(Path(__file__).resolve().parents[3])
+    runner  does the steps there
+    """
+
+    def __init__(self, inbox: queue.Queue[tuple[Worker, Answer | None]], runner: Runner):
+        source = str(Path(drivetool.__file__).resolve().parents[1])
         path = os.pathsep.join(filter(None, [source, os.environ.get("PYTHONPATH")]))
         # -P: no folder of recordings can stand in for a module.
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "drivetool.cli.batch.worker"], stdin=subprocess.PIPE,
+            [sys.executable, "-P", "-m", at_work.__name__, at_work.name_of(runner)], stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, env=os.environ | ONE_THREAD | {"PYTHONPATH": path})
         self.index: int | None = None
         self.began = 0.0
@@ -90,8 +95,8 @@ class Worker:
 class Pool:
     """So many workers, started when there is something to do."""
 
-    def __init__(self, count: int, limits: Limits):
-        self.count, self.limits = count, limits
+    def __init__(self, count: int, limits: Limits, runner: Runner):
+        self.count, self.limits, self.runner = count, limits, runner
         self.inbox: queue.Queue[tuple[Worker, Answer | None]] = queue.Queue()
         self.workers: list[Worker] = []
 
@@ -104,7 +109,7 @@ class Pool:
         left = len(waiting)
         while left:
             while len(self.workers) < min(self.count, left):
-                self.workers.append(Worker(self.inbox))
+                self.workers.append(Worker(self.inbox, self.runner))
             for worker in self.workers:
                 if worker.index is None and waiting:
                     worker.give(*waiting.popleft())
@@ -132,7 +137,7 @@ class Pool:
             code = worker.process.returncode
             if not worker.ready and code > 0:  # by itself, and so would the next
                 raise DriveToolError("a worker process of drivetool", f"one that ended at its start (code {code})",
-                                     "Check the installation: python -m drivetool.cli.batch.worker must run.")
+                                     f"Check the installation: python -m {at_work.__name__} must run.")
             return [] if index is None else [(index, died(code))]
         return [] if index is None else [(index, answer)]
 

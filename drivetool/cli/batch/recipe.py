@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -22,6 +22,7 @@ COMMANDS = ("steady", "blackbox", "greybox", "backlash", "validate", "compare", 
 TAKEN = ("out", "json", "plot", "report", "quiet", "explain")
 # Not part of what a result depends on.
 NO_INPUT = ("logs", "debug", *TAKEN)
+Parse = Callable[[str, Sequence[str]], dict[str, Any] | str]
 A_LOG = "recording"  # stands for the recordings where the words are checked
 
 
@@ -49,16 +50,17 @@ class Step:
     map: str | None = None
 
 
-def steps_of(site: SiteFile, folder: Path, name: str) -> tuple[Step, ...]:
+def steps_of(site: SiteFile, folder: Path, name: str, parse: Parse) -> tuple[Step, ...]:
     """The steps of a recipe.
 
     folder  of the site file; name: of the file, for messages
+    parse   (command, words) -> its options by name as the command would get them, or why it takes no such words
     raises  BadParameters: an unknown command or option, one that a batch sets itself, a file that cannot be read
     """
-    return tuple(_step(section, folder, f"recipe[{i}] of {name}") for i, section in enumerate(site.recipe))
+    return tuple(_step(section, folder, f"recipe[{i}] of {name}", parse) for i, section in enumerate(site.recipe))
 
 
-def _step(section: StepSection, folder: Path, where: str) -> Step:
+def _step(section: StepSection, folder: Path, where: str, parse: Parse) -> Step:
     try:
         command, *words = shlex.split(section.command)
     except ValueError as error:
@@ -67,11 +69,11 @@ def _step(section: StepSection, folder: Path, where: str) -> Step:
     if command not in COMMANDS:
         raise BadParameters(f"a step that a batch can do at {where}", f"'{command}'", nearest(command, COMMANDS))
     given = ["--params", "-"] if section.params else []
-    asked = _parsed(command, [A_LOG, *words, *given], section.command, where)
+    asked = _parsed(parse, command, [A_LOG, *words, *given], section.command, where)
     if asked["logs"] != [A_LOG]:
         raise BadParameters(f"a command without recordings at {where}", f"'{' '.join(asked['logs'][1:])}' in it",
                             "Leave it out; kind says which recordings the step reads.")
-    plain = _parsed(command, [A_LOG, "--params", "-"], command, where)
+    plain = _parsed(parse, command, [A_LOG, "--params", "-"], command, where)
     for option in TAKEN:
         if option in asked and asked[option] != plain[option]:
             raise BadParameters(f"no --{option} at {where}", f"'{section.command}'",
@@ -95,20 +97,13 @@ def _digest(name: str, folder: Path, where: str) -> str:
                             "Correct the command; its paths count from the folder of the site file.") from None
 
 
-def _parsed(command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
-    """The options of a command line, as the command would get them."""
-    import typer
-
-    from drivetool.cli.main import app
-
-    parser: Any = typer.main.get_command(app)
-    try:
-        return dict(parser.commands[command].make_context(command, list(words), help_option_names=[]).params)
-    except Exception as error:  # of click, or of the click inside newer versions of typer
-        if not hasattr(error, "format_message"):
-            raise
-        raise BadParameters(f"a command as drivetool takes it at {where}", f"'{typed}': {error.format_message()}",
-                            f"See drivetool {command} --help.") from None
+def _parsed(parse: Parse, command: str, words: Sequence[str], typed: str, where: str) -> dict[str, Any]:
+    """The options of a command line."""
+    found = parse(command, words)
+    if isinstance(found, str):
+        raise BadParameters(f"a command as drivetool takes it at {where}", f"'{typed}': {found}",
+                            f"See drivetool {command} --help.")
+    return found
 
 
 def _plain(value: Any) -> Any:

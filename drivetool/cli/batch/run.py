@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drivetool.cli.batch.agenda import Agenda
+from drivetool.cli.batch.executor import once
 from drivetool.cli.batch.recordings import Machine, Recording, machines_of
-from drivetool.cli.batch.setting import Setting, once
+from drivetool.cli.batch.setting import Setting
 from drivetool.cli.batch.tasks import Task, again, shared
 from drivetool.errors import DriveToolError
 from drivetool.files.site.manifest import Manifest

@@ -1,4 +1,4 @@
-"""One run of `drivetool batch`: from the words to the results and the exit code."""
+"""One run of `drivetool batch`: from the words to the results and whether any was missed."""
 
 from __future__ import annotations
 
@@ -8,50 +8,56 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivetool.cli.batch.command import MEMORY_MB, Asked, check_verdicts, out_of, site_of, speaker
+from drivetool.cli.batch.asked import Asked, CommandLine
+from drivetool.cli.batch.cluster import cluster
+from drivetool.cli.batch.executor import Executor, Runner
 from drivetool.cli.batch.pool import Limits, Pool, check_memory_limit
 from drivetool.cli.batch.recipe import steps_of
 from drivetool.cli.batch.recordings import find
 from drivetool.cli.batch.run import Outcome, run_site
-from drivetool.cli.batch.setting import Executor, Setting
+from drivetool.cli.batch.setting import Setting
 from drivetool.cli.batch.worker import numerics
-from drivetool.cli.outcomes import DONE, MISSED, put
+from drivetool.errors import BadOption
 from drivetool.files.site.bars import judge
 from drivetool.files.site.cases import Case, junit, markdown
 from drivetool.files.site.index_page import index_page
 from drivetool.files.site.manifest import PAGE, SUMMARY, TABLE, TRENDS, open_manifest, read_manifest
+from drivetool.files.site.site_file import load_site, with_recordings
 from drivetool.files.site.summary import rows, summary_csv, summary_parquet
 from drivetool.files.text import several
-from drivetool.files.write import check_folder, encoded, write_whole
+from drivetool.files.write import check_folder, check_target, encoded, write_whole
+from drivetool.logs.summary import read_summary
 
 if TYPE_CHECKING:
     from drivetool.files.site.shapes import SiteFile
 
+# Ten times what a fit of a usual recording takes; beyond it a recording is a mistake more often than large.
+MEMORY_MB = 2000.0
 MOST_SAID = 10  # missed bars that are said on standard error; all are in the files
 
 
-def run(asked: Asked) -> int:
-    """Do a site, or check it; the exit code."""
-    site, folder, name = site_of(asked)
-    out = out_of(asked, folder, name)
+def run(asked: Asked, line: CommandLine) -> bool:
+    """Do a site, or check it; whether every bar is met and, where it is checked, every result holds."""
+    site, folder, name = _site_of(asked)
+    out = _out_of(asked, folder, name)
     if not asked.verify:
         check_folder(out)
-    check_verdicts(asked)
+    _check_verdicts(asked)
     check_memory_limit(asked.memory_limit is not None)
-    steps = steps_of(site, folder, Path(name).name)
+    steps = steps_of(site, folder, Path(name).name, line.parse)
     limits = Limits(asked.time_limit, asked.memory_limit or MEMORY_MB)
     found = find(site, folder, out)
-    say = speaker(asked)
+    say = asked.say
 
     def setting(executor: Executor | None) -> Setting:
-        explain = (lambda text: put(f"{text}\n")) if asked.explain else None
+        explain = (lambda text: asked.put(f"{text}\n")) if asked.explain else None
         bounds = {"time": limits.seconds, "memory": limits.memory_mb}
         return Setting(folder, out, steps, bounds, numerics(), executor, say, explain, asked.retry)
 
     if asked.verify:
         return _verified(asked, run_site(setting(None), found, read_manifest(out)), site, out)
     # No other run may write before the files of the whole site are written, too.
-    with _executor(asked, limits) as executor, closing(open_manifest(out)) as manifest:
+    with _executor(asked, limits, line.run) as executor, closing(open_manifest(out)) as manifest:
         outcome = run_site(setting(executor), found, manifest)
         cases = judge(outcome.entries, site.bars)
         _write(out, _tables(outcome))
@@ -61,6 +67,45 @@ def run(asked: Asked) -> int:
     say(f"{several(len(found), 'recording')}; {several(len(outcome.entries), 'result')}, {outcome.begun} of them "
         f"run now, {problems} with a problem; wrote {os.path.relpath(out)}")
     return _verdict(asked, cases)
+
+
+def _site_of(asked: Asked) -> tuple[SiteFile, Path, str]:
+    """(the site, the folder that its paths count from, its file).
+
+    raises  BadOption: words that do not fit together; BadParameters: see load_site
+    """
+    if asked.recipe is None:
+        if len(asked.given) > 1 or not asked.given[0].lower().endswith((".yaml", ".yml")):
+            raise BadOption("one site file (.yaml), or recordings with --recipe", ", ".join(asked.given[:3]),
+                            "Write the first site file with `drivetool init`, or name the recipe.")
+        if asked.map is not None:
+            raise BadOption("--map with --recipe only", "it beside a site file",
+                            "Write the map into the site file.")
+        site = load_site(asked.given[0])
+        if not site.recordings:
+            raise BadOption("recordings in the site file, or on the command line",
+                            f"none in {asked.given[0]}", "Name them, and this file after --recipe.")
+        return site, Path(os.path.abspath(asked.given[0])).parent, asked.given[0]
+    site = load_site(asked.recipe)
+    kinds = list(dict.fromkeys(step.kind for step in site.recipe))
+    if site.recordings or len(kinds) > 1:
+        found = "recordings in it" if site.recordings else f"the kinds {', '.join(kinds)}"
+        raise BadOption(f"a recipe of one kind and without recordings in {asked.recipe}", found,
+                        "Give the site file alone, which says the kind of each recording.")
+    return with_recordings(site, asked.given, kinds[0], asked.map), Path.cwd(), asked.recipe
+
+
+def _out_of(asked: Asked, folder: Path, name: str) -> Path:
+    """The folder of the results."""
+    return Path(os.path.abspath(asked.out)) if asked.out else folder / f"{Path(name).stem}-results"
+
+
+def _check_verdicts(asked: Asked) -> None:
+    """Raise BadOption where a file of verdicts could not be written, or both would go to one place."""
+    if asked.junit and asked.junit == asked.markdown:
+        raise BadOption("different files for --junit and --markdown", f"{asked.junit} for both", "Rename one.")
+    for path in filter(None, (asked.junit, asked.markdown)):
+        check_target(path)
 
 
 def _tables(outcome: Outcome) -> dict[str, str | bytes]:
@@ -75,7 +120,6 @@ def _told(outcome: Outcome, cases: Sequence[Case], out: Path, say: Callable[[str
     from drivetool.check.trends.trend import ALARM
     from drivetool.files.result_file import dump
     from drivetool.files.trends_file import trends_file
-    from drivetool.logs.summary import read_summary
 
     findings, found = trends_of(read_summary(out / SUMMARY))
     changed = [finding for finding in findings if finding.severity != "note"]
@@ -94,36 +138,36 @@ def _write(out: Path, files: Mapping[str, str | bytes]) -> None:
 def _write_verdicts(asked: Asked, cases: Sequence[Case]) -> None:
     for path, form in ((asked.junit, junit), (asked.markdown, markdown)):
         if path == "-":
-            put(form(cases))
+            asked.put(form(cases))
         elif path:
             write_whole(path, form(cases))
 
 
-def _verdict(asked: Asked, cases: Sequence[Case]) -> int:
-    """Say what was missed; the exit code."""
+def _verdict(asked: Asked, cases: Sequence[Case]) -> bool:
+    """Say what was missed; whether nothing was."""
     missed = [case for case in cases if not case.passed]
-    say = speaker(asked)
+    say = asked.say
     for case in missed[:MOST_SAID]:
         say(f"missed: {' '.join(filter(None, (case.machine, case.recording)))}: {case.text}")
     if len(missed) > MOST_SAID:
         say(f"missed: {len(missed) - MOST_SAID} more, see {PAGE}")
-    return MISSED if missed else DONE
+    return not missed
 
 
-def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> int:
-    """Say what does not hold, or write the verdicts; the exit code."""
+def _verified(asked: Asked, outcome: Outcome, site: SiteFile, out: Path) -> bool:
+    """Say what does not hold, or write the verdicts; whether all holds and no bar was missed."""
     cases = judge(outcome.entries, site.bars)
     wrong = list(outcome.undone)
-    for made in (lambda: _tables(outcome), lambda: _told(outcome, cases, out, speaker(asked))):
+    for made in (lambda: _tables(outcome), lambda: _told(outcome, cases, out, asked.say)):
         if not wrong:
             wrong += [f"{path}: it is not what the results give" for path, content in made().items()
                       if not _is(out / path, content)]
     for line in wrong:
-        put(f"{line}\n")
-    speaker(asked)(f"{several(len(wrong), 'result')} to be done or written anew" if wrong
-                   else f"all {len(outcome.entries)} results hold")
+        asked.put(f"{line}\n")
+    asked.say(f"{several(len(wrong), 'result')} to be done or written anew" if wrong
+              else f"all {len(outcome.entries)} results hold")
     if wrong:
-        return MISSED
+        return False
     _write_verdicts(asked, cases)
     return _verdict(asked, cases)
 
@@ -137,15 +181,13 @@ def _is(path: Path, content: str | bytes) -> bool:
 
 
 @contextmanager
-def _executor(asked: Asked, limits: Limits) -> Iterator[Executor]:
+def _executor(asked: Asked, limits: Limits, runner: Runner) -> Iterator[Executor]:
     """The pool of this machine, or the cluster; ended whatever happens."""
     if asked.scheduler is not None:
-        from drivetool.cli.batch.cluster import cluster
-
-        with cluster(asked.scheduler, limits) as remote:
+        with cluster(asked.scheduler, limits, runner) as remote:
             yield remote
         return
-    pool = Pool(asked.workers or _cores(), limits)
+    pool = Pool(asked.workers or _cores(), limits, runner)
     try:
         yield pool
     finally:

@@ -10,9 +10,9 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from drivetool.cli.batch.executor import UNREAD
 from drivetool.cli.batch.recipe import Step
 from drivetool.cli.batch.recordings import Machine, Recording, digest, safe
-from drivetool.cli.batch.setting import UNREAD
 from drivetool.files.site.shapes import NEXT, PREVIOUS
 
 Line = Mapping[str, Any]

@@ -1,7 +1,8 @@
 """A worker of the pool: a fresh interpreter that takes tasks from standard input, one JSON line each.
 
-Steps run by calling the command line in this process, so that a file has the bytes of the step by hand.
-The worker ends with its parent, and whenever it is told to by a signal.
+Steps run by calling the command line in this process, so that a file has the bytes of the step by hand. Its one
+argument names the function that does this, see `name_of`. The worker ends with its parent, and whenever it is told
+to by a signal.
 """
 
 from __future__ import annotations
@@ -10,19 +11,33 @@ import json
 import os
 import queue
 import signal
+import sys
 import threading
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import asdict
+from importlib import import_module
+from importlib.metadata import version
 from io import BytesIO, StringIO, TextIOWrapper
 from typing import IO, Any
+
+import drivetool
+from drivetool.cli.batch.executor import UNREAD, Runner
+from drivetool.files.channel_map_file import load_channel_map
+from drivetool.files.site.told import told
+from drivetool.logs.look import Look, look_at
 
 STATUS, RESET = "/proc/self/status", "/proc/self/clear_refs"
 RESET_PEAK = "5"  # what Linux takes there for: begin again with the largest resident size
 
 
-def main() -> None:
-    """Do tasks until there are no more."""
+def name_of(runner: Runner) -> str:
+    """What a worker process finds it by."""
+    return f"{runner.__module__}:{runner.__qualname__}"
+
+
+def main(runner: str = "") -> None:
+    """Do tasks until there are no more; runner: name of the one who does the steps."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all of a terminal; the parent ends its workers
     inbound, outbound = os.fdopen(os.dup(0), encoding="utf-8"), os.fdopen(os.dup(1), "w", encoding="utf-8")
     nowhere = os.open(os.devnull, os.O_RDWR)
@@ -32,7 +47,7 @@ def main() -> None:
     tasks: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_receive, args=(inbound, tasks), daemon=True).start()
     while True:
-        _answer(outbound, done(json.loads(tasks.get())))
+        _answer(outbound, done(json.loads(tasks.get()), runner))
 
 
 def _receive(inbound: IO[str], tasks: queue.Queue[str]) -> None:
@@ -49,38 +64,34 @@ def _answer(outbound: IO[str], content: dict[str, Any]) -> None:
 
 def numerics() -> dict[str, str]:
     """The versions that the numbers of a result depend on."""
-    from importlib.metadata import version
-
-    import drivetool
-
     return {"drivetool": drivetool.__version__, **{name: version(name) for name in ("numpy", "scipy", "numba")}}
 
 
-def done(task: dict[str, Any]) -> dict[str, Any]:
-    """What came of a task: of a step exit code, file, what it tells and says; of a look what was seen; the cost."""
+def done(task: dict[str, Any], runner: str) -> dict[str, Any]:
+    """What came of a task: of a step exit code, file, what it tells and says; of a look what was seen; the cost.
+
+    runner  name of the one who does the steps
+    """
     try:
         os.chdir(task["folder"])
     except OSError as error:
-        from drivetool.cli.batch.setting import UNREAD
-
         return {"code": 1, "ended": UNREAD,
                 "said": f"wanted the folder {task['folder']} where the step runs; found {error.strerror}. All "
                         "machines of a cluster must see the recordings under the same path."}
     _forget_peak()
     began = time.perf_counter()
-    answer = _step(task["words"]) if "words" in task else _look(task["look"], task["map"])
+    answer = _step(task["words"], runner) if "words" in task else _look(task["look"], task["map"])
     return {**answer, "seconds": round(time.perf_counter() - began, 3), "peak_memory_mb": _peak_mb()}
 
 
-def _step(words: list[str]) -> dict[str, Any]:
+def _step(words: list[str], runner: str) -> dict[str, Any]:
     """A command as it would run by itself; its file is what it prints."""
-    from drivetool.cli.main import app
-    from drivetool.files.site.told import told
-
+    module, _, name = runner.partition(":")
+    run: Runner = getattr(import_module(module), name)
     out, err = TextIOWrapper(BytesIO(), encoding="utf-8"), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:
-            app(words, prog_name="drivetool")
+            run(words)
             code = 0
         except SystemExit as left:
             code = left.code if isinstance(left.code, int) else int(left.code is not None)
@@ -100,9 +111,6 @@ def _sentence(said: str, command: str) -> str:
 
 
 def _look(path: str, channel_map: str | None) -> dict[str, Any]:
-    from drivetool.files.channel_map_file import load_channel_map
-    from drivetool.logs.look import Look, look_at
-
     try:
         with open(path, "rb"):
             return asdict(look_at(path, load_channel_map(channel_map)))
@@ -132,4 +140,4 @@ def _peak_mb() -> float | None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from io import BytesIO, StringIO
+from io import StringIO
 from typing import Any
 
+from drivetool.files.parquet_file import table_bytes
 from drivetool.files.site.told import Told
 
 # Column -> its type in Parquet. The last two are the cost of a run, and no part of the result.
@@ -72,21 +72,4 @@ def summary_csv(table: Sequence[tuple[Any, ...]]) -> str:
 
 def summary_parquet(table: Sequence[tuple[Any, ...]]) -> bytes:
     """The rows as Parquet; the same bytes for the same rows."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    kinds = {"string": pa.string(), "double": pa.float64(), "int32": pa.int32(),
-             "timestamp": pa.timestamp("us", tz="UTC")}
-    columns = list(zip(*table, strict=True)) or [()] * len(COLUMNS)
-    arrays = []
-    for values, kind in zip(columns, COLUMNS.values(), strict=True):
-        if kind == "timestamp":
-            values = tuple(None if v is None else datetime.fromisoformat(v) for v in values)
-        elif kind == "string":  # bytes of a file name that are no text, escaped
-            values = tuple(None if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values)
-        elif kind == "double":
-            values = tuple(None if v is None else float(v) for v in values)
-        arrays.append(pa.array(values, kinds[kind]))
-    buffer = BytesIO()
-    pq.write_table(pa.table(arrays, names=list(COLUMNS)), buffer, compression="zstd")
-    return buffer.getvalue()
+    return table_bytes(COLUMNS, table)

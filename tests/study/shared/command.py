@@ -73,7 +73,7 @@ def read(answer: Mapping, names: Sequence[str]) -> dict:
 
 def _command(words: list[str]) -> tuple[int, str, str, float]:
     """(exit code, standard output, standard error, seconds of processor time) of a command in this process."""
-    from drivetool.cli.main import app
+    from drivetool.cli.command_line import app
 
     out, err, begun = StringIO(), StringIO(), time.process_time()
     try:

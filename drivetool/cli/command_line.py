@@ -1,0 +1,85 @@
+"""Every command under its name, and the whole command line as others in this process may use it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+
+from drivetool import __version__
+from drivetool.cli import (
+    backlash,
+    blackbox,
+    compare,
+    convert,
+    diagnose,
+    effects,
+    findings,
+    greybox,
+    init,
+    inspect,
+    record_option,
+    show,
+    simulate,
+    spectra,
+    steady,
+    trend,
+    tune,
+    validate,
+)
+from drivetool.cli.batch import command as batch
+from drivetool.cli.batch.asked import CommandLine
+
+# In the order in which they are used.
+COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,
+            "greybox": greybox, "backlash": backlash, "validate": validate, "compare": compare,
+            "diagnose": diagnose, "simulate": simulate, "tune": tune, "init": init, "batch": batch,
+            "trend": trend, "effects": effects, "findings": findings, "show": show}
+
+
+def run_words(words: list[str]) -> None:
+    """Do a command line as the console would, and leave by SystemExit; worker processes find it by its name."""
+    app(words, prog_name="drivetool")
+
+
+def parsed(command: str, words: Sequence[str]) -> dict[str, Any] | str:
+    """The options of a command line as the command would get them, or why it takes no such words."""
+    parser: Any = typer.main.get_command(app)
+    try:
+        return dict(parser.commands[command].make_context(command, list(words), help_option_names=[]).params)
+    except Exception as error:  # of click, or of the click inside newer versions of typer
+        if not hasattr(error, "format_message"):
+            raise
+        return error.format_message()
+
+
+app = typer.Typer(
+    name="drivetool", no_args_is_help=True, rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"], "obj": CommandLine(run_words, parsed)})
+for _name, _module in COMMANDS.items():
+    # After \b lines stay as they are, so that the example can be copied.
+    app.command(_name, cls=record_option.Command, help=_module.HELP,
+                epilog=f"\b\nExample:\n  {_module.EXAMPLE}")(_module.command)
+
+
+def _version(asked: bool) -> None:
+    """Print the version and leave."""
+    if asked:
+        print(f"drivetool {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _drivetool(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+                                          help="Print the version.")] = False,
+) -> None:
+    """From recordings of electric drives to parameters with honest uncertainties.
+
+    A chain of steps, each reading the file of the one before:
+    steady, blackbox, greybox, backlash, validate, diagnose, tune.
+
+    Exit codes: 0 done; 1 failed; 2 usage; 3 done, but with a failure finding or a missed bar.
+    """
