@@ -35,8 +35,8 @@ def run(job: Job) -> int:
 
     from drivetool.files import tables
     from drivetool.files.channel_map_file import load_channel_map
-    from drivetool.files.inspection import finding_sections
     from drivetool.files.parquet_file import recording_bytes
+    from drivetool.files.result_file import finding_sections
     from drivetool.logs.convert import in_si
     from drivetool.logs.read import read_recording
 

@@ -30,7 +30,8 @@ def command(
 def run(job: Job) -> int:
     """Read, look, deliver; the exit code."""
     from drivetool.files.channel_map_file import load_channel_map
-    from drivetool.files.inspection import exhibit, finding_sections, inspection_file
+    from drivetool.files.inspection import exhibit, inspection_file
+    from drivetool.files.result_file import finding_sections
     from drivetool.identify.recorded_timing import looked_at
     from drivetool.logs.inspect import inspect_log
 

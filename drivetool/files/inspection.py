@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from msgspec import UNSET
 
-from drivetool.errors import Finding
 from drivetool.files.inspection_shapes import (
     INSPECTION_SCHEMA,
     ChannelSection,
@@ -15,7 +14,6 @@ from drivetool.files.inspection_shapes import (
 )
 from drivetool.files.result_file import file_sections
 from drivetool.files.shapes import FindingSection
-from drivetool.files.text import plain
 from drivetool.identify.estimate import Exhibit
 from drivetool.logs.clocks.clean_clock import FAR
 from drivetool.logs.experiment import Source, began
@@ -76,9 +74,3 @@ def exhibit(found: Inspection) -> Exhibit:
     left = len(found.channels) - len(shown)
     title = f"{found.recording.name}: {len(found.channels)} channels" + (f", {left} not shown" if left else "")
     return Exhibit("channels", title, "time from the origin of the log [s]", "", curves)
-
-
-def finding_sections(findings: tuple[Finding, ...]) -> list[FindingSection]:
-    """Findings as they are written."""
-    return [FindingSection(severity=f.severity, code=f.code, text=f.text, evidence=plain(f.evidence),
-                           action=f.action) for f in findings]
