@@ -67,7 +67,7 @@ fixtures: $(VENV)/ready
 	$(BIN)/python -m tests.summaries fixtures/site/summary.parquet
 
 schemas: $(VENV)/ready
-	$(BIN)/python -m drivetool.files.schema schemas
+	$(BIN)/python -m drivetool.files.shapes.schema schemas
 
 reference: $(VENV)/ready
 	$(BIN)/python docs/generate_reference.py docs/reference

@@ -27,9 +27,8 @@ import typer
 
 from drivetool.cli.command_line import app
 from drivetool.errors import DriveToolError
-from drivetool.files.channel_map_file import load_channel_map
-from drivetool.files.parameter_file import load_parameters
-from drivetool.files.site.site_file import load_site
+from drivetool.files.yaml import load_channel_map, load_parameters
+from drivetool.site.plan import load_site
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/tutorial/index.md", "README.md", "CONTRIBUTING.md", "docs/**/*.md")

@@ -15,17 +15,17 @@ from typing import Any
 import msgspec
 import typer
 
-from drivetool.check.report.facts import FACTS
-from drivetool.check.report.rules import RULES
+from drivetool.check.verdict import RULES
+from drivetool.check.verdict.facts import FACTS
 from drivetool.cli.command_line import app
-from drivetool.drive.chain import TOTALS
+from drivetool.drive import TOTALS
 from drivetool.drive.effects import EFFECTS
-from drivetool.files.catalogue import catalogue
-from drivetool.files.schema import TITLES, kinds, schema_of
-from drivetool.files.units import ATOMS
+from drivetool.files.shapes.schema import TITLES, kinds, schema_of
+from drivetool.files.tables import catalogue
+from drivetool.files.yaml.units import ATOMS
 from drivetool.finding_codes import STAGES
-from drivetool.logs.roles import FURTHER, MOTORS, ROLES
-from drivetool.logs.units import PERCENT, TABLE
+from drivetool.logs import MOTORS, PERCENT, ROLES, TABLE
+from drivetool.logs.roles import FURTHER
 from drivetool.quantity import Quantity
 
 SHARED = 3  # commands with the same option, from which it is listed once for all of them

@@ -4,8 +4,9 @@ from functools import cache
 
 import yaml
 
-from drivetool.drive.chain import Drive, vehicle
-from drivetool.logs.build import open_experiment
+from drivetool.drive import Drive
+from drivetool.drive.chain import vehicle
+from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 
 BUS = {name: entry["value"] for name, entry in

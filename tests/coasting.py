@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 from tests.simulator.coasting import PULSES, RPM, STEP, Motor, counts, driven, motion
 
 __all__ = ["PULSES", "RPM", "STEP", "Motor", "counts", "driven_then_off", "motion", "recording", "run_down"]

@@ -28,7 +28,7 @@ def pytest_sessionstart(session):
     config = session.config
     if hasattr(config, "workerinput") or config.option.collectonly:
         return
-    from drivetool.drive import machine_code
+    from drivetool.drive.compile import machine_code
 
     machine_code.prepare(KERNEL)
 
@@ -88,7 +88,7 @@ def code_for_any_size():
 
     That it gives the same is asked in drive/test_kernel_sizes.py.
     """
-    from drivetool.drive import augment, simulate
+    from drivetool.drive.simulation import augment, simulate
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(augment, "MOST_STATES", 0)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.diagnosis import CandidateResult, Diagnosis, Gain, Round
-from drivetool.check.report.exhibits import exhibits_of
-from drivetool.check.report.view import View
-from drivetool.drive.chain import two_mass
+from drivetool.check.outcome import CandidateResult, Diagnosis, Gain, Round
+from drivetool.check.verdict.exhibits import exhibits_of
+from drivetool.check.verdict.view import View
+from drivetool.drive import two_mass
 from drivetool.identify.estimate import Covariance, Estimate, Parameter
 
 STEP = 1e-3

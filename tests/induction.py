@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 from tests.coasting import STEP, counts, recording
 from tests.simulator.induction import Machine, run_up, up_and_down
 

@@ -9,14 +9,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.fit.model import Model, everything, from_start
+from drivetool.check.fit import Model, everything, from_start
 from drivetool.check.search.attempt import Tried, attempt, screen
 from drivetool.check.search.begin import stand_at
-from drivetool.drive.chain import Drive, one_body, two_mass
+from drivetool.drive import Drive, one_body, two_mass
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.setup import Task, roles_of
+from drivetool.logs import Experiment
 from tests.simulator.experiments import alternating, multisine, steps, trapezoids
 from tests.simulator.fast import PI, simulate_fast
 from tests.simulator.machine import Machine, at_rest, machine_by_seed, running

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import yaml
 from mcap.writer import Writer
 
-from drivetool.files.site.summary import COSTS
+from drivetool.site.results.summary import COSTS
 from tests.simulator.records import write_mcap
 
 N, STEP = 4_000, 0.002

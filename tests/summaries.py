@@ -17,7 +17,7 @@ SHOWN = ("shaft.half_gap", "motor.viscous", "motor.inertia")
 
 
 def table_of(rows):
-    """Rows of `drivetool.logs.summary` as the table of a summary."""
+    """Rows of `drivetool.logs.formats.summary` as the table of a summary."""
     columns = {name: [getattr(row, name) for row in rows] for name in FIELDS}
     columns["start"] = [None if s is None else round(s * 1e6) for s in columns["start"]]
     return pa.table([pa.array(columns[name], pa.int64() if name == "start" else kind).cast(kind)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.drive.chain import Drive, two_mass
+from drivetool.drive import Drive, two_mass
 
 CONVERTER = {"converter.bandwidth": 433.0, "converter.damping": 0.69, "converter.dead_time": 0.002}
 # Table 3.1: load inertia, load viscous, stiffness, damping; motor 20 and 0.006 in all of them.

@@ -13,24 +13,24 @@ from tests.places import ROOT
 
 SEVERITIES = ("note", "warning", "failure")
 # Modules that are handed a code by a caller, and the codes that they are handed.
-HANDED_ON = {"check/faults/preflight.py": {"wrong-sign", "wrong-scale"},
+HANDED_ON = {"check/faults/record_faults.py": {"wrong-sign", "wrong-scale"},
              "check/faults/shaft.py": {"wrong-sign", "wrong-scale"},
-             "identify/blackbox_findings.py": {"shaft-not-excited", "impossible-conversion"}}
+             "identify/blackbox/blackbox_findings.py": {"shaft-not-excited", "impossible-conversion"}}
 # Where a code or a text of a finding is asked for, and why. State is handed on as a value; what is told may be
 # sorted.
 OF_A_FILE, SORTED = "the code in the file is the interface", "sorts what is told, computes nothing"
 ASKED = {
-    ("check/diagnose.py", "doubted_outliers"): "asks faults, by the code of their cause",
-    ("files/diagnosis_input.py", "base_findings"): OF_A_FILE,
-    ("files/result_file.py", "estimate_file"): OF_A_FILE,
-    ("files/trends_file.py", "outcome"): "counts what is told",
+    ("check/full_diagnosis.py", "doubted_outliers"): "asks faults, by the code of their cause",
+    ("files/results/diagnosis_input.py", "base_findings"): OF_A_FILE,
+    ("files/results/result_file.py", "estimate_file"): OF_A_FILE,
+    ("site/trends/trends_result.py", "outcome"): "counts what is told",
     ("identify/coast_down/stretches.py", "_goes_on"): "a recording has no other place for what is wrong with it",
-    ("identify/explanations/left_out.py", "without_shaft"): "asks a Lack, which becomes a finding here",
-    ("identify/inverse_dynamics/greybox.py", "_lines"): SORTED,
-    ("identify/results.py", "without_untold"): SORTED,
-    ("identify/shaft_torque/blackbox.py", "with_shaft_torque"): SORTED,
+    ("identify/laws/left_out.py", "without_shaft"): "asks a Lack, which becomes a finding here",
+    ("identify/inverse/estimator.py", "_lines"): SORTED,
+    ("identify/estimate/results.py", "without_untold"): SORTED,
+    ("identify/blackbox/two_sides.py", "with_shaft_torque"): SORTED,
     ("identify/shaft_torque/sides.py", "as_in_file"): SORTED,
-    ("logs/build.py", "_on_grid"): SORTED,
+    ("logs/door/build.py", "_on_grid"): SORTED,
     ("logs/clocks/resample.py", "_require_overlap"): "quotes the finding in an error"}
 OWN = set(CODES) - set(CAUSES)  # a cause of a diagnosis has a code too
 

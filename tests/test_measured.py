@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.check.diagnose import diagnose
-from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.check import diagnose
+from drivetool.check.outcome import UNLISTED, DiagnoseOptions
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.frequency import SpectraOptions, spectra
 from drivetool.identify.greybox import default_free, greybox
-from drivetool.identify.options import Options
-from drivetool.identify.spectra import SpectraOptions, spectra
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import ChannelMap
+from drivetool.identify.setup import Options
+from drivetool.logs.channels import ChannelMap
+from drivetool.logs.door import open_experiment
 from tests.hidden.command import read, run
 
 FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")

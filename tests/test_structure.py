@@ -1,32 +1,52 @@
-"""Imports go one way, third parties stay behind their fences, files and functions stay small."""
+"""Imports go one way, parties stay behind their fences, folders have faces, files and functions stay small."""
 
 import ast
+import re
+import subprocess
 import sys
-from graphlib import TopologicalSorter
-from pathlib import Path
+from collections import Counter
 
 import pytest
 
-ROOT = Path(__file__).parent.parent / "drivetool"
-FILES = sorted(ROOT.rglob("*.py"))
+from tests import tree
+
+FILES = sorted(tree.ROOT.rglob("*.py"))
 BASE = {"quantity", "errors", "progress", "finding_codes"}
 LOWER = {"logs": BASE, "drive": BASE, "identify": BASE | {"logs", "drive"}}
 LOWER["check"] = LOWER["tune"] = LOWER["identify"] | {"identify"}
 LOWER["files"] = LOWER["check"] | {"check", "tune"}
-LOWER["cli"] = LOWER["files"] | {"files"}
+LOWER["site"] = LOWER["files"] | {"files"}
+LOWER["cli"] = LOWER["site"] | {"site"}
 LOWER["__main__"] = {"cli"}
 LOWER["errors"] = {"finding_codes"}
 LOWER["finding_codes"] = LOWER["quantity"] = LOWER["progress"] = LOWER["__init__"] = set()
-FREE = {"numpy", "scipy", "drivetool"} | set(sys.stdlib_module_names)
-FENCED = {"logs": {"mcap", "pyarrow", "msgspec", "lz4", "zstandard"}, "tune": {"control", "numba"},
+FREE = {"numpy", "scipy", "drivetool", "msgspec", "lazy_loader"} | set(sys.stdlib_module_names)
+FENCED = {"logs": {"mcap", "pyarrow", "lz4", "zstandard"}, "tune": {"control", "numba"},
           "drive": {"llvmlite", "numba"},
-          "cli": {"typer", "rich", "dask"},
-          "files": {"yaml", "rich", "matplotlib", "msgspec", "pyarrow"}}
+          "site": {"dask", "matplotlib"},  # the second for the types of a picture that files draws
+          "cli": {"typer", "rich"},
+          "files": {"yaml", "rich", "matplotlib", "pyarrow"}}
+CROWDED = 15  # modules side by side are what a reader takes in
+CATALOGUES = ("drivetool.drive.effects", "drivetool.check.causes", "drivetool.cli.commands")
+# What may be imported inside a function: these, and modules that load one of them.
+HEAVY = {"scipy", "numba", "llvmlite", "matplotlib", "pyarrow", "rich", "control", "dask"}
+# And what `drivetool --help` (test_boundary) and a Parquet log (test_mcap) do not wait for.
+SLOW = HEAVY | {"numpy", "yaml", "msgspec", "mcap"}
+
+# Files that form one circle: an effect is stamped into an assembly, which knows the effects by name. The list may
+# only become shorter.
+CIRCLE = {
+    "drivetool.drive.assemble", "drivetool.drive.chain", "drivetool.drive.shaft_rows",
+    *(f"drivetool.drive.effects.{name}" for name in (
+        "added_inertia", "asymmetry", "backlash", "breakaway", "carried_mass", "catalogue", "clamp",
+        "converter", "coulomb", "dead_time", "drag", "drift", "effect", "friction_factor", "gap_damping",
+        "hardening", "idle_torque", "imbalance", "induction", "inertia", "interpolation", "load_damping",
+        "load_step", "ripple", "shaft", "speed_filter", "stribeck", "torque_constant", "viscous", "warm_up"))}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(tree.ROOT)))
 def test_structure(path):
-    room = path.relative_to(ROOT).parts[0].removesuffix(".py")
+    room = path.relative_to(tree.ROOT).parts[0].removesuffix(".py")
     source = path.read_text(encoding="utf-8")
     assert source.count("\n") <= 400, "a file has at most 400 lines"
     for node in ast.walk(ast.parse(source)):
@@ -42,21 +62,82 @@ def test_structure(path):
                 assert rest[0] in LOWER[room] | {room}, f"{room} must not import {rest[0]}"
 
 
-def test_no_folder_of_check_is_crowded():
-    """Fifteen files side by side are what a reader takes in; the causes are a catalogue."""
-    folders = {path.parent for path in FILES if path.is_relative_to(ROOT / "check")} - {ROOT / "check" / "causes"}
-    assert {f.name: n for f in folders if (n := len([*f.glob("*.py")])) > 15} == {}
+def test_no_files_import_each_other():
+    graph = tree.graph_of(lambda module: module, tree.arrows())
+    assert [c for c in tree.circles(graph) if not set(c) <= CIRCLE] == []
 
 
-def test_no_files_of_check_import_each_other():
-    files = {".".join(("drivetool", *path.relative_to(ROOT).with_suffix("").parts)): path for path in FILES
-             if path.is_relative_to(ROOT / "check") and path.name != "__init__.py"}
-    order = TopologicalSorter({name: _imported(path) & files.keys() for name, path in files.items()})
-    order.prepare()  # raises where there is a circle, and names it
+def test_the_list_of_files_that_import_each_other_is_no_longer_than_it_must_be():
+    found = {m for c in tree.circles(tree.graph_of(lambda module: module, tree.arrows())) for m in c}
+    assert found == CIRCLE
 
 
-def _imported(path):
-    """Modules that a file imports, or may: a name taken from a package may be one."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    return {name for node in froms for a in node.names for name in (node.module, f"{node.module}.{a.name}")}
+def test_no_folders_import_each_other():
+    """In every folder, with all that lies below: the folders in it, and the files beside them as one more."""
+    known = [a for a in tree.arrows() if not {a.source, a.target} <= CIRCLE]
+    found = {parent: circle for parent in tree.folders() if parent != tree.PRODUCT
+             if (circle := tree.circles(tree.graph_of(tree.child_of(parent), known)))}
+    assert found == {}
+
+
+def test_no_folder_is_crowded():
+    beside = Counter(tree.folder_of(m) for m, path in tree.modules().items() if path.name != "__init__.py")
+    assert {f: n for f, n in beside.items() if n > CROWDED and not f.startswith(CATALOGUES)} == {}
+
+
+def test_a_folder_is_used_through_its_face():
+    """Tests may reach inside; the product may not."""
+    inside = [a for a in tree.arrows() if not a.face and tree.folder_of(a.source) != tree.folder_of(a.target)
+              and tree.folder_of(a.target) != tree.PRODUCT]
+    assert [f"{a.source}:{a.line} takes {a.name} from {a.target}" for a in inside] == []
+
+
+@pytest.mark.parametrize("folder", [f for f in tree.folders() if f != tree.PRODUCT])
+def test_a_face_says_what_comes_in_and_out_and_has_no_name_that_nobody_uses(folder):
+    module = ast.parse(tree.modules()[folder].read_text(encoding="utf-8"))
+    sentences = re.split(r"[.:]\s", ast.get_docstring(module) or "")
+    assert len(sentences) > 1, "a paragraph on what comes in and what goes out"
+    used = {a.name for a in tree.arrows() if a.face and a.target.startswith(f"{folder}.")
+            and tree.folder_of(a.source) != folder}
+    assert set(tree.face_of(folder)) - used == set()
+    names = Counter(a.name for node in ast.parse(_stub(folder)).body for a in node.names)
+    beside = {m.rpartition(".")[2] for m in tree.modules() if m.rpartition(".")[0] == folder}
+    assert {n for n, times in names.items() if times > 1} == set()
+    assert {n for n in names if n in beside and tree.face_of(folder)[n] != f"{folder}.{n}"} == set()
+
+
+def _stub(folder):
+    path = tree.modules()[folder].with_suffix(".pyi")
+    return path.read_text(encoding="utf-8") if path.exists() else ""
+
+
+def test_every_name_of_a_face_is_there_and_faces_load_nothing_heavy():
+    faces = {folder: sorted(tree.face_of(folder)) for folder in tree.folders() if tree.face_of(folder)}
+    program = (f"import importlib, sys\nfaces = {faces!r}\nloaded = [importlib.import_module(f) for f in faces]\n"
+               f"heavy = sorted({HEAVY!r} & set(sys.modules))\nassert not heavy, heavy\n"
+               "assert all(sorted(m.__all__) == faces[m.__name__] for m in loaded)\n"
+               "missing = [(m.__name__, n) for m in loaded for n in m.__all__ if not hasattr(m, n)]\n"
+               "assert not missing, missing")
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_only_what_is_heavy_is_imported_inside_a_function():
+    heavy = _heavy_modules()
+    light = [a for a in tree.arrows() if a.inside and a.target not in heavy]
+    assert [f"{a.source}:{a.line} imports {a.target} inside a function" for a in light] == []
+
+
+def _heavy_modules():
+    """Modules that load something heavy when they are imported, themselves or through others."""
+    found = {m for m, path in tree.modules().items() if _loads(path) & SLOW}
+    above = [a for a in tree.arrows() if not a.inside]
+    while more := {a.source for a in above if a.target in found} - found:
+        found |= more
+    return found
+
+
+def _loads(path):
+    """Third parties that a file imports on its top level."""
+    body = [node for node in ast.parse(path.read_text(encoding="utf-8")).body]
+    names = {a.name for node in body if isinstance(node, ast.Import) for a in node.names}
+    return {n.split(".")[0] for n in names | {n.module for n in body if isinstance(n, ast.ImportFrom)}}

@@ -68,7 +68,8 @@ def arrows() -> tuple[Arrow, ...]:
 def arrows_of(source: str, path: Path) -> Iterator[Arrow]:
     """The imports of one file."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    within = {id(node) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef | ast.Lambda) for node in ast.walk(f)}
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    within = {id(node) for function in functions for node in ast.walk(function)}
     for node in ast.walk(tree):
         if not (isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == PRODUCT):
             continue
@@ -120,7 +121,7 @@ def graph_of(node_of: Callable[[str], str | None], among: Iterable[Arrow]) -> di
 
 
 def child_of(parent: str) -> Callable[[str], str | None]:
-    """The part of a folder in which a module lies: a folder in it, or the folder itself for the files beside these."""
+    """The part of a folder in which a module lies: a folder in it, or itself for the files beside these."""
     def node(module: str) -> str | None:
         if module != parent and not module.startswith(f"{parent}."):
             return None

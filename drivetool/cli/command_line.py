@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from drivetool import __version__
-from drivetool.cli import (
+from drivetool.cli.commands import (
     backlash,
+    batch,
     blackbox,
     compare,
     convert,
@@ -19,7 +20,6 @@ from drivetool.cli import (
     greybox,
     init,
     inspect,
-    record_option,
     show,
     simulate,
     spectra,
@@ -28,8 +28,8 @@ from drivetool.cli import (
     tune,
     validate,
 )
-from drivetool.cli.batch import command as batch
-from drivetool.cli.batch.asked import CommandLine
+from drivetool.cli.options import record_option
+from drivetool.site import CommandLine
 
 # In the order in which they are used.
 COMMANDS = {"inspect": inspect, "convert": convert, "steady": steady, "spectra": spectra, "blackbox": blackbox,

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from drivetool.cli.outcomes import DONE, MISSED, USAGE
+from drivetool.cli.output import DONE, MISSED, USAGE
 
 # step, recording, files of earlier steps, further words
 CHAIN = (

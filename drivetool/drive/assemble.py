@@ -13,12 +13,11 @@ from operator import mul
 
 import numpy as np
 
+from drivetool.drive.arrays import System
 from drivetool.drive.chain import TOTALS, Drive, shared, shares
 from drivetool.drive.dual import Dual
-from drivetool.drive.effects import EFFECTS, torque_constant
-from drivetool.drive.effects.induction import FLUXES, VOLTAGES
+from drivetool.drive.effects import EFFECTS, FLUXES, VOLTAGES, torque_constant
 from drivetool.drive.shaft_rows import in_contact, lasting
-from drivetool.drive.system import System
 from drivetool.errors import BadParameters
 
 Row = dict[int, Dual]  # state -> factor

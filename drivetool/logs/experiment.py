@@ -14,7 +14,7 @@ from zlib import crc32
 import numpy as np
 
 from drivetool.errors import BadOption, BadRecording, Finding
-from drivetool.logs.clocks.clock import LIKE_STEP
+from drivetool.logs.grid import LIKE_STEP
 from drivetool.logs.roles import quantity
 
 TorqueIs = Literal["command", "measurement", "unknown"]
@@ -45,7 +45,7 @@ class Channel:
     """One channel as it was logged.
 
     time    (n,) seconds on the channel's own clock, counted from the recording's origin;
-            as logged: the one door (build.py) checks that it does not decrease
+            as logged: the one door (door/build.py) checks that it does not decrease
     values  (n,) in `unit`
     unit    as written in the log, or None
     """

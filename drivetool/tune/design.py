@@ -6,32 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import BadOption, BadParameters, Finding, nearest
 from drivetool.progress import counted
 from drivetool.tune import remarks
-from drivetool.tune.factors import factors
 from drivetool.tune.gains import Design, Gains, TuneOptions
-from drivetool.tune.hunting import safe_gain, watch
-from drivetool.tune.loop import Configuration, Wiring, build, check_wiring
-from drivetool.tune.margins import margins
-from drivetool.tune.nonlinear import has_gap
-from drivetool.tune.pictures import pictures
-from drivetool.tune.robust import robust_optimum, share_kept
-from drivetool.tune.scenarios import Draws, draw, joint, spread
-from drivetool.tune.search import (
+from drivetool.tune.optimisation import (
+    Draws,
     Found,
     Limits,
     Task,
     allowed,
     check_finite,
+    draw,
+    factors,
+    joint,
     lowest_sensitivity,
     optimum,
+    robust_optimum,
     shapes_of,
+    share_kept,
+    spread,
+    study,
     task,
 )
-from drivetool.tune.sensitivity import max_sensitivity
-from drivetool.tune.variations import study
+from drivetool.tune.pictures import pictures
+from drivetool.tune.simulation import has_gap, safe_gain, watch
+from drivetool.tune.speed_loop import Configuration, Wiring, build, check_wiring, margins, max_sensitivity
 
 FRESH = 7919  # added to the seed for draws that a robust design has not seen
 

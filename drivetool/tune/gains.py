@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.criteria import Criterion
-from drivetool.tune.factors import Factors
-from drivetool.tune.hunting import Watch
-from drivetool.tune.loop import Configuration, DeadTimeForm, Settings, Wiring
-from drivetool.tune.margins import Margins
-from drivetool.tune.scenarios import Spread
-from drivetool.tune.search import Limits
-from drivetool.tune.variations import Variation
+from drivetool.tune.optimisation import Criterion, Factors, Limits, Spread, Variation
+from drivetool.tune.simulation import Watch
+from drivetool.tune.speed_loop import Configuration, DeadTimeForm, Margins, Settings, Wiring
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the pictures of tune show; files/tune_figures.py draws it."""
+"""What the pictures of tune show; files/figures/tune_figures.py draws it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.tune.criteria import impact_drops, signals, values
 from drivetool.tune.gains import Design, Gains
-from drivetool.tune.hunting import Watch
-from drivetool.tune.loop import Loop, build
-from drivetool.tune.scenarios import Draws, Spread
-from drivetool.tune.sensitivity import Plant, plant, refined
+from drivetool.tune.optimisation import Draws, Spread, impact_drops, signals, values
+from drivetool.tune.simulation import Watch
+from drivetool.tune.speed_loop import Loop, Plant, build, plant, refined
 
 POINTS = 72  # per axis of a plane
 

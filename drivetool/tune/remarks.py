@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.gains import Design, TuneOptions
-from drivetool.tune.scenarios import Draws
-from drivetool.tune.working_point import FLAT, acting, left_out
+from drivetool.tune.optimisation import Draws
+from drivetool.tune.speed_loop import FLAT, acting, left_out
 
 SLIGHT = 1.03  # times the limit in 95 % of the draws: nothing to worry about
 MATTERS = ("inertia", "stiffness", "damping", "dead_time", "bandwidth")  # suffixes that shape a loop

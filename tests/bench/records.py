@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivetool.drive.chain import Drive, three_mass, two_mass
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import Drive, two_mass
+from drivetool.drive.chain import three_mass
+from drivetool.logs import Experiment
 from tests.recover import STEP, experiment
 from tests.simulator import laws, machine, simulate, stepper
 from tests.simulator.controllers import SpeedPI

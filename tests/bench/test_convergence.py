@@ -9,13 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.identify.backlash import backlash
-from drivetool.identify.engine import Task, by_innovations, by_simulation
+from drivetool.identify.estimate import covariance_of
+from drivetool.identify.fit import by_innovations, by_simulation
 from drivetool.identify.greybox import chosen, default_free, greybox
-from drivetool.identify.options import Options
-from drivetool.identify.results import covariance_of
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import Options, Task, roles_of
 from tests.bench.records import CASES, Case
 
 AS_GOOD = 1.0  # log likelihood within which a fit has reached that of the one started at the truth

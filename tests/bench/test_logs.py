@@ -13,7 +13,7 @@ from mcap.decoder import DecoderFactory
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from drivetool.logs.read import read_recording
+from drivetool.logs.formats import read_recording
 
 N, START, STEP = 600_000, 1_700_000_000_000_000_000, 1_000_000
 NAMES = ("torque", "speed", "angle")

@@ -13,12 +13,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from drivetool.identify.cooling import cooled
-from drivetool.identify.engine import Task, by_simulation
-from drivetool.identify.least_squares import solve
+from drivetool.identify.fit import by_simulation
 from drivetool.identify.noise import Noise, filtered
-from drivetool.identify.problem import Point
-from drivetool.identify.setup import first_point
+from drivetool.identify.problem import Point, solve
+from drivetool.identify.setup import Task, first_point
+from drivetool.identify.starts import cooled
 from tests.bench import floor
 from tests.bench.descent import NAMES, TOLERANCE, Reached, descend, main_job
 from tests.bench.peer_casadi import CasadiPeer

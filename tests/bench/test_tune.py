@@ -12,10 +12,10 @@ import control
 import numpy as np
 import pytest
 
-from drivetool.drive.linearise import state_space
-from drivetool.tune.criteria import criterion, value
-from drivetool.tune.loop import Settings, Wiring, build
-from drivetool.tune.search import Limits, optimum, task
+from drivetool.drive import state_space
+from drivetool.tune.optimisation import Limits, criterion, optimum, task
+from drivetool.tune.optimisation.criteria import value
+from drivetool.tune.speed_loop import Settings, Wiring, build
 from tests.tallfors import MOTORS, TABLES_4, tandem, two_mass_plant
 
 pytestmark = pytest.mark.bench

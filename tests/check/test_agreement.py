@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.faults.load_scale import load_scale
-from drivetool.check.faults.preflight import preflight
+from drivetool.check.faults.load_side_scale import load_scale
+from drivetool.check.faults.record_faults import preflight
 from tests.drive.test_kernel import drive_of
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.fit.allowance import EITHER, allowed, averaged
 from drivetool.check.fit.model import everything, fit, losses, spread, total
+from drivetool.check.heldout.allowance import EITHER, allowed, averaged
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
 from tests.recover import one_sensor

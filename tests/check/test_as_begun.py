@@ -1,7 +1,7 @@
 """Dry friction that a fit has added by itself is a cause for the diagnosis, not a part of its base."""
 
-from drivetool.check.diagnose import as_begun
-from drivetool.drive.chain import two_mass
+from drivetool.check.full_diagnosis import as_begun
+from drivetool.drive import two_mass
 
 DRIVE = two_mass().with_values({"motor.coulomb": 0.5, "load.coulomb": 0.3})
 FREE = ("motor.coulomb", "load.coulomb")

@@ -8,14 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model, everything, first_noise, from_start, judge
 from drivetool.check.search.attempt import screen
 from drivetool.check.search.begin import begin, log_gain, stand_at
 from drivetool.check.search.search import FLOOR
-from drivetool.identify.engine import Task
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import drive_like, reversing_record, tried
 from tests.simulator.effects import Effects
 from tests.simulator.machine import machine_by_seed

@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
-from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions
-from drivetool.check.fit.heldout import Fold, Score
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
+from drivetool.check.heldout.scores import Fold, Score
+from drivetool.check.outcome.diagnosis import CandidateResult, DiagnoseOptions
 from drivetool.check.search import beside
 from drivetool.check.search.beside import BESIDE, asked_beside
-from drivetool.check.search.decide import Decision, decide
+from drivetool.check.search.decision import Decision, decide
 from drivetool.check.search.search import Expansion, Node
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 
 BASE = ("motor.inertia",)
 SCATTERED, AGREED = np.array([30.0, -9.0, 40.0, -14.0]), np.array([110.0, 90.0, 100.0, 99.0])

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.report.by_speed import share_by_speed
-from drivetool.drive.simulate import Trace
+from drivetool.check.verdict.by_speed import share_by_speed
+from drivetool.drive.simulation import Trace
 
 STEP, SIZE = 1e-3, 12_000
 TIME = STEP * np.arange(SIZE)

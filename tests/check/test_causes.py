@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES, DECIDES, FITTED, mistaken_for
+from drivetool.check.causes.catalogue import CAUSES, DECIDES, FITTED, mistaken_for
 from drivetool.check.fit.model import from_start
 from drivetool.check.fit.structure import carried
 from drivetool.check.search.absence import law_of, needs_of, why_absent
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.drive.effects import EFFECTS
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import Task, roles_of
 from tests.places import ROOT
 from tests.recover import reversing_record
 from tests.simulator.machine import machine_by_seed

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check import diagnose
-from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Round
-from drivetool.check.faults.preflight import Fault
-from drivetool.check.fit.remainder import Remainder
-from drivetool.check.report.rules import UNEXPLAINED
-from drivetool.check.report.story import changing
+from drivetool.check import full_diagnosis as diagnose
+from drivetool.check.faults.record_faults import Fault
+from drivetool.check.fit.residual_tests import Remainder
+from drivetool.check.outcome.diagnosis import CandidateResult, DiagnoseOptions, Round
 from drivetool.check.search.result import Searched
+from drivetool.check.verdict.rules import UNEXPLAINED
+from drivetool.check.verdict.story import changing
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 

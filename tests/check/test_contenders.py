@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
 from drivetool.check.search import attempt as attempting
 from drivetool.check.search.attempt import Screened, Tried, _contenders, attempt, sizeable
 from drivetool.check.search.begin import Begun
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.identify.estimate import Parameter
 
 

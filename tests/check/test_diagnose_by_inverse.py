@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from drivetool.check.causes import CAUSES
-from drivetool.check.diagnose import diagnose
-from drivetool.check.diagnosis import DiagnoseOptions
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
-from drivetool.check.inverse_dynamics.explanation import independent
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.check.full_diagnosis import diagnose
+from drivetool.check.inverse.explanation import independent
+from drivetool.check.outcome.diagnosis import DiagnoseOptions
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.greybox import greybox
-from drivetool.identify.inverse_dynamics.asked import logged_as_it_acts
+from drivetool.identify.motion import logged_as_it_acts
 from drivetool.identify.noise import Noise
-from drivetool.identify.options import Options
-from drivetool.identify.setup import first_point, roles_of
-from drivetool.identify.task import Task
+from drivetool.identify.setup import Options, Task, first_point, roles_of
 from tests.recover import experiment
 from tests.simulator.effects import Effects
 from tests.simulator.fast import PI, simulate_fast

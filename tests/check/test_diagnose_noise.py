@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.diagnose import Asked, stands
-from drivetool.check.diagnosis import DiagnoseOptions
 from drivetool.check.fit.model import begun, everything, first_noise, fit, from_start, heard, likeliest_noise
-from drivetool.identify.setup import first_point, roles_of
-from drivetool.identify.task import Task
+from drivetool.check.full_diagnosis import Asked, stands
+from drivetool.check.outcome.diagnosis import DiagnoseOptions
+from drivetool.identify.setup import Task, first_point, roles_of
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance, reversing_record, tried
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed

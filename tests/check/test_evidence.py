@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
-from drivetool.check.causes import CAUSES
-from drivetool.check.chance import LOOKED, log_tail
-from drivetool.check.diagnosis import Gain
-from drivetool.check.fit.folds import blocks_of
-from drivetool.check.fit.forecast import Forecast, blocks_under_test, gain_of
-from drivetool.check.fit.heldout import Score, price_of, surprise, total_evidence
-from drivetool.check.search import foretell, lines
-from drivetool.check.search import search as searching
+from drivetool.check.causes.catalogue import CAUSES
+from drivetool.check.fit.chance import LOOKED, log_tail
+from drivetool.check.heldout.folds import blocks_of
+from drivetool.check.heldout.free_run_error import Forecast, blocks_under_test, gain_of
+from drivetool.check.heldout.scores import Score, price_of, surprise, total_evidence
+from drivetool.check.outcome.diagnosis import Gain
+from drivetool.check.search import foretell, lines, search as searching
 from drivetool.check.search.attempt import Tried
-from drivetool.check.search.decide import Decision, decide, ties
+from drivetool.check.search.decision import Decision, decide, ties
 from drivetool.check.search.search import Search
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import minus_log_likelihood
 
 BASE = SimpleNamespace(task=SimpleNamespace(free=("motor.inertia",)), problem=None)

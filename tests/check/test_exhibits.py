@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.report.exhibits import exhibits_of
-from drivetool.check.report.model_run import run_model
-from drivetool.check.report.reversals import reversals_of
-from drivetool.check.report.view import view_of
-from drivetool.drive.chain import two_mass
-from drivetool.files import plots
-from drivetool.files.report_figures import kinds, svg
-from drivetool.logs.experiment import Experiment
+from drivetool.check.outcome.diagnosis import CandidateResult, Round
+from drivetool.check.validation.model_run import run_model
+from drivetool.check.verdict.exhibits import exhibits_of
+from drivetool.check.verdict.reversals import reversals_of
+from drivetool.check.verdict.view import view_of
+from drivetool.drive import two_mass
+from drivetool.files.figures import plots, svg
+from drivetool.files.figures.report_figures import kinds
+from drivetool.logs import Experiment
 from tests.diagnosed import FITTED, STEP, views
 
 INERTIA = 5.766

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.fit import scan
-from drivetool.check.fit.scan import BETTER, FixedLines
+from drivetool.check.starts import scan
+from drivetool.check.starts.scan import BETTER, FixedLines
 
 STEP, SIZE = 1e-3, 8000
 LINES = np.linspace(0.0, 450.0, 2001)[1:]

@@ -8,7 +8,7 @@ import pytest
 from drivetool.check.validation.freerun import noise_limit
 from drivetool.check.validation.replay import replay
 from drivetool.check.validation.result import RecordCheck
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from tests.recover import STEP, experiment
 
 SIZE, PART, INERTIA, TORQUE, SENSOR = 12_000, 100, 2.0, 120.0, 0.01  # samples, samples, kg m^2, Nm, rad/s

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import everything, from_start
 from drivetool.check.search.begin import begin, stand_at
-from drivetool.drive.chain import two_mass
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.drive import two_mass
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import reversing_record
 from tests.simulator.machine import machine_by_seed
 

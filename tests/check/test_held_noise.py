@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.fit.between_records import change_between, share_beyond
-from drivetool.check.fit.heldout import Fold, extended
 from drivetool.check.fit.model import everything, from_start, judge, likeliest_noise, over
-from drivetool.check.fit.remainder import remainder
-from drivetool.check.fit.samples import split_of
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.check.fit.residual_tests import remainder
+from drivetool.check.heldout.between_records import change_between, share_beyond
+from drivetool.check.heldout.samples import split_of
+from drivetool.check.heldout.scores import Fold, extended
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 

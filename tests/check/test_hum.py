@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from drivetool.check.fit.model import from_start
-from drivetool.check.report.hum import hum, lines_of
-from drivetool.drive.chain import one_body
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.check.verdict.hum import hum, lines_of
+from drivetool.drive import one_body
+from drivetool.identify.setup import Task, roles_of
+from drivetool.logs import Experiment
 from tests.recover import STEP, drive_like, experiment, linear_record, truth
 from tests.simulator.effects import Effects
 from tests.simulator.experiments import multisine

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.diagnose import not_ruled_out, with_filter
 from drivetool.check.faults.lateness import lag_of
-from drivetool.check.faults.preflight import preflight
-from drivetool.drive.chain import two_mass
+from drivetool.check.faults.record_faults import preflight
+from drivetool.check.full_diagnosis import not_ruled_out, with_filter
+from drivetool.drive import two_mass
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, read, run
 from tests.recover import experiment

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from drivetool.check.validation.free_run_validation import validate
 from drivetool.check.validation.left_open import LEVEL, _inside, interval_of
 from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate import validate
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.identify.estimate import Covariance
 from tests.recover import experiment
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.fit.linear_step import alone, linear_step
+from drivetool.check.fit.gauss_newton_step import alone, linear_step
 from drivetool.identify.problem import Normal
 
 SAMPLES, NOISE = 400, 0.5

@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
 from drivetool.check.search.attempt import Tried, sizeable
 from drivetool.drive.effects import load_step
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation import Trace
 from drivetool.identify.noise import Noise
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import Roles, problem_of
-from drivetool.identify.task import Task
+from drivetool.identify.setup import Roles, Task, problem_of
 from tests.drive.test_effects import base
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, run

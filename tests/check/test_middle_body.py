@@ -7,11 +7,10 @@ from functools import cache
 
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model, from_start
 from drivetool.drive.chain import three_mass
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import Task, roles_of
 from tests.identify.test_parts import MACHINE, TRUE
 from tests.recover import reversing_record, tried
 

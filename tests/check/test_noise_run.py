@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivetool.check.fit.heldout import folds_of
 from drivetool.check.fit.model import from_start
-from drivetool.check.fit.noise_run import error_by_noise
-from drivetool.check.fit.samples import split_of
-from drivetool.drive.chain import one_body
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.check.heldout.noise_run import error_by_noise
+from drivetool.check.heldout.samples import split_of
+from drivetool.check.heldout.scores import folds_of
+from drivetool.drive import one_body
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, experiment
 
 SIZE = 12_000

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from drivetool.check.fit.model import from_start
-from drivetool.check.fit.scan import likely_orders
-from drivetool.check.report.order_map import order_maps
-from drivetool.drive.chain import one_body
-from drivetool.files.plots import png
-from drivetool.files.report_figures import svg
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.check.starts.scan import likely_orders
+from drivetool.check.verdict.order_map import order_maps
+from drivetool.drive import one_body
+from drivetool.files.figures import svg
+from drivetool.files.figures.plots import png
+from drivetool.identify.setup import Task, roles_of
+from drivetool.logs import Experiment
 
 STEP, INERTIA, NOISE = 1e-3, 0.5, 0.002
 FREE = ("motor.inertia", "motor.viscous")

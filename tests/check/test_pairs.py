@@ -7,13 +7,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model
 from drivetool.check.search import pairs
-from drivetool.check.search.decide import Decision
+from drivetool.check.search.decision import Decision
 from drivetool.check.search.pairs import doubtful, together
 from drivetool.check.search.search import Expansion, Node
-from drivetool.drive.chain import three_mass, two_mass
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass
 
 NOISE = 0.02  # rad/s of the sensor
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from drivetool.check.diagnose import diagnose
-from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.drive.chain import two_mass
+from drivetool.check.full_diagnosis import diagnose
+from drivetool.check.outcome.diagnosis import DiagnoseOptions
+from drivetool.drive import two_mass
 from tests.recover import reversing_record
 from tests.simulator.machine import Machine
 

@@ -3,9 +3,8 @@
 import pytest
 
 from drivetool.check.fit.model import everything, from_start
-from drivetool.check.report.rattle import rattles
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.check.starts.rattle import rattles
+from drivetool.identify.setup import Task, roles_of
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, grade
 from tests.recover import drive_like, experiment, tried

@@ -9,11 +9,10 @@ import pytest
 from scipy.signal import lfilter
 
 from drivetool.check.fit.model import Model, everything, fit, from_start, spread
-from drivetool.check.fit.remainder import _left, _logged_again, _memory, faked, remainder
+from drivetool.check.fit.residual_tests import _left, _logged_again, _memory, faked, remainder
 from drivetool.identify.noise import filtered
 from drivetool.identify.problem import Point
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed
@@ -82,7 +81,7 @@ def test_a_fit_to_made_up_records_that_fails_says_nothing(monkeypatch):
         raise np.linalg.LinAlgError("Singular matrix")
 
     model, _ = rounded(3, 0.05)
-    monkeypatch.setattr("drivetool.check.fit.remainder.fit", fails)
+    monkeypatch.setattr("drivetool.check.fit.residual_tests.fit", fails)
     assert faked(model, model, everything(model.problem)) == 0.0 and tried
 
 

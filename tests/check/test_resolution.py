@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.faults.preflight import fine_steps, preflight
-from drivetool.check.faults.resolution import resolution
-from drivetool.logs.experiment import Experiment
+from drivetool.check.faults.record_faults import fine_steps, preflight
+from drivetool.check.fit.quantisation import resolution
+from drivetool.logs import Experiment
 from tests.recover import STEP
 
 SIZE = 12_000

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.check.diagnosis import UNLISTED, CandidateResult, Facts, Gain, Round
-from drivetool.check.fit.remainder import Remainder
-from drivetool.check.report import facts as gathering
-from drivetool.check.report.facts import FACTS, facts_of
-from drivetool.check.report.rules import OF_SPEED, RULES, SCATTER, SEVERAL, judged
+from drivetool.check.fit.residual_tests import Remainder
+from drivetool.check.outcome.diagnosis import UNLISTED, CandidateResult, Facts, Gain, Round
 from drivetool.check.search.result import Found
+from drivetool.check.verdict import facts as gathering
+from drivetool.check.verdict.facts import FACTS, facts_of
+from drivetool.check.verdict.rules import OF_SPEED, RULES, SCATTER, SEVERAL, judged
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, before=1.0, after=0.3, scatter=0.05,
               floor=0.02)

@@ -8,17 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check import diagnose as diagnosing
-from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.check.fit import between_records
-from drivetool.check.fit.folds import blocks_of
-from drivetool.check.fit.heldout import Fold, extended, trained_on
+from drivetool.check import full_diagnosis as diagnosing
 from drivetool.check.fit.model import from_start
-from drivetool.check.fit.samples import split_of
-from drivetool.drive.linearise import resonances
+from drivetool.check.heldout import between_records
+from drivetool.check.heldout.folds import blocks_of
+from drivetool.check.heldout.samples import split_of
+from drivetool.check.heldout.scores import Fold, extended, trained_on
+from drivetool.check.outcome.diagnosis import DiagnoseOptions
+from drivetool.drive import resonances
 from drivetool.errors import NotEnoughData
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, drive_like, experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed

@@ -9,22 +9,21 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.causes import CAUSES
-from drivetool.check.diagnosis import DiagnoseOptions
-from drivetool.check.fit.heldout import Score
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import Model, from_start
-from drivetool.check.fit.remainder import remainder
-from drivetool.check.fit.samples import split_of
+from drivetool.check.fit.reduce import without_them
+from drivetool.check.fit.residual_tests import remainder
+from drivetool.check.heldout.samples import split_of
+from drivetool.check.heldout.scores import Score
+from drivetool.check.outcome.diagnosis import DiagnoseOptions
 from drivetool.check.search import search as searching
 from drivetool.check.search.attempt import Screened, Tried
 from drivetool.check.search.beside import asked_beside
-from drivetool.check.search.decide import Decision
-from drivetool.check.search.look import look
-from drivetool.check.search.reduce import without_them
+from drivetool.check.search.decision import Decision
+from drivetool.check.search.run_search import look
 from drivetool.check.search.search import Expansion, Node, Search
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, experiment
 from tests.simulator.effects import Effects
 from tests.simulator.experiments import multisine, trapezoids

@@ -7,17 +7,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
-from drivetool.check.diagnosis import UNLISTED, CandidateResult, Gain, Round, taken_for_noise
-from drivetool.check.faults.preflight import Fault
-from drivetool.check.fit.between_records import Change, told_apart
-from drivetool.check.report import size as sizing
-from drivetool.check.report.sentence import experiment_of, sentence_of
-from drivetool.check.report.size import sizes_of
-from drivetool.check.report.story import in_the_base, of_correlated_errors
+from drivetool.check.causes.catalogue import CAUSES
+from drivetool.check.faults.record_faults import Fault
+from drivetool.check.heldout.between_records import Change, told_apart
+from drivetool.check.outcome.diagnosis import UNLISTED, CandidateResult, Gain, Round, taken_for_noise
 from drivetool.check.search.result import Found
-from drivetool.identify.compose import CORRELATED
+from drivetool.check.verdict import size as sizing
+from drivetool.check.verdict.sentence import experiment_of, sentence_of
+from drivetool.check.verdict.size import sizes_of
+from drivetool.check.verdict.story import in_the_base, of_correlated_errors
 from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.identify.outcome import CORRELATED
 
 NOISE = 0.02  # rad/s of the sensor
 

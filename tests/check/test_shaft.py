@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from drivetool.check.faults.shaft import lead_of, scale_of, shaft_fault
-from drivetool.check.faults.shaft_scale import likeliest
 from drivetool.check.fit.model import everything, from_start
-from drivetool.drive.chain import three_mass, two_mass
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.build import open_experiment
+from drivetool.check.search.shaft_scale import likeliest
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass
+from drivetool.identify.setup import Task, roles_of
+from drivetool.logs.door import open_experiment
 from tests.hidden import make_case
 from tests.hidden.start import plain_values
 from tests.recover import STEP, drive_like, experiment, resonance

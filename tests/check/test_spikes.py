@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.check.faults.spikes import put_back, spikes, without_outliers, without_surprises
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 from tests.recover import one_sensor
 
 STEP, SIZE, NOISE = 1e-3, 4000, 0.02

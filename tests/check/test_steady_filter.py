@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.check.fit import scan
-from drivetool.check.fit.instants import _step_shape, load_steps
 from drivetool.check.fit.model import from_start
-from drivetool.check.fit.scan import (
+from drivetool.check.starts import scan
+from drivetool.check.starts.instants import _step_shape, load_steps
+from drivetool.check.starts.scan import (
     HIGHEST,
     LINES,
     _over_angle,
@@ -21,9 +21,8 @@ from drivetool.check.fit.scan import (
     likely_orders,
     steady_filter,
 )
-from drivetool.identify.engine import Task
 from drivetool.identify.noise import filtered
-from drivetool.identify.setup import roles_of
+from drivetool.identify.setup import Task, roles_of
 from tests.recover import STEP, drive_like, experiment, one_sensor, resonance
 from tests.simulator.effects import Effects
 from tests.simulator.experiments import multisine

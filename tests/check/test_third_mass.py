@@ -5,21 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.causes import CAUSES
+from drivetool.check.causes.catalogue import CAUSES
 from drivetool.check.fit.model import begun, everything, fit, from_start
-from drivetool.check.fit.structure import (
-    carried,
-    with_large_tip,
-    with_middle,
-    with_tip,
-    without_third,
-    without_tip,
-)
+from drivetool.check.fit.structure import carried, with_large_tip, with_middle, with_tip, without_third, without_tip
 from drivetool.check.search.attempt import Tried, sizeable
-from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.linearise import resonances
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import problem_of, roles_of
+from drivetool.drive import Assembly, Layout, resonances
+from drivetool.identify.setup import Task, problem_of, roles_of
 from tests.recover import STEP, drive_like, experiment, linear_record, resonance
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 import yaml
 
+from drivetool.check.validation.free_run_validation import validate
 from drivetool.check.validation.remarks import of_ranking
 from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate import validate
 from drivetool.cli import command_line
-from drivetool.drive.chain import one_body, two_mass, vehicle
+from drivetool.drive import one_body, two_mass
+from drivetool.drive.chain import vehicle
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
-from drivetool.logs.build import open_experiment
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
+from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed, running

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate_run_down import BEYOND_COUNTS, Model, validate_run_down
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.check.validation.run_down_validation import BEYOND_COUNTS, Model, validate_run_down
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.options import Options
-from drivetool.identify.start import Start
+from drivetool.identify.setup import Options, Start
 from drivetool.identify.steady import steady
 from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
 

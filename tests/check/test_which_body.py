@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from drivetool.check.fit.model import from_start
-from drivetool.check.report.which_body import untold_bodies
-from drivetool.drive.chain import three_mass, two_mass
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
-from drivetool.logs.build import open_experiment
+from drivetool.check.verdict.which_body import untold_bodies
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass
+from drivetool.identify.setup import Task, roles_of
+from drivetool.logs.door import open_experiment
 from tests.hidden import make_case
 from tests.identify.test_parts import MACHINE, TRUE
 from tests.recover import reversing_record

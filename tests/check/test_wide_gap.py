@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.causes.starts import torque_size
 from drivetool.check.fit.model import everything, from_start
-from drivetool.check.fit.scan import GAPS, half_gaps
-from drivetool.drive.chain import two_mass
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import roles_of
+from drivetool.check.starts.base import torque_size
+from drivetool.check.starts.scan import GAPS, half_gaps
+from drivetool.drive import two_mass
+from drivetool.identify.setup import Task, roles_of
 from tests.hidden import make_case
 from tests.hidden.command import read, run
 from tests.hidden.start import plain_values

@@ -200,7 +200,7 @@ def test_recordings_on_the_command_line_with_a_recipe(here, call):
 
 
 def test_one_run_at_a_time(here, call):
-    from drivetool.files.site.manifest import open_manifest
+    from drivetool.site.results import open_manifest
 
     sites.small(here, count=1)
     manifest = open_manifest(here / "site-results")

@@ -28,7 +28,7 @@ def test_a_cluster_of_two_gives_the_same_bytes(here, call):
 
 def test_nobody_answers(here, call, monkeypatch):
     pytest.importorskip("dask.distributed")
-    from drivetool.cli.batch import cluster
+    from drivetool.site.pool import dask_cluster as cluster
 
     monkeypatch.setattr(cluster, "PATIENCE", 1.0)
     sites.small(here, count=1)

@@ -8,18 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from drivetool.cli.batch import agenda, site
-from drivetool.cli.batch.recipe import Step, steps_of
-from drivetool.cli.batch.recordings import Machine, Recording, find, machines_of
-from drivetool.cli.batch.run import run_site
-from drivetool.cli.batch.setting import Setting
-from drivetool.cli.batch.tasks import Maker, Output, again
-from drivetool.cli.batch.worker import done
 from drivetool.cli.command_line import parsed
 from drivetool.errors import BadOption, BadParameters
-from drivetool.files.site.manifest import NAME, Manifest, open_manifest, read_manifest
-from drivetool.files.site.shapes import RecordingsSection
-from drivetool.files.site.site_file import load_site
+from drivetool.files.shapes import RecordingsSection
+from drivetool.site import batch as site
+from drivetool.site.plan import Machine, Recording, Setting, again, agenda, find, load_site, machines_of, steps_of
+from drivetool.site.plan.recipe import Step
+from drivetool.site.plan.tasks import Maker, Output
+from drivetool.site.pool.worker import done
+from drivetool.site.results import NAME, Manifest, open_manifest, read_manifest
+from drivetool.site.site_run import run_site
 from tests import sites
 
 

@@ -6,13 +6,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivetool.cli.batch.recipe import Step
-from drivetool.cli.batch.recordings import Machine, Recording
-from drivetool.cli.batch.tasks import Maker, Output, judging, newest
-from drivetool.files.site.bars import judge
-from drivetool.files.site.shapes import BarSection, RecordingsSection
-from drivetool.files.site.summary import Entry
-from drivetool.files.site.told import Told
+from drivetool.files.shapes import BarSection, RecordingsSection
+from drivetool.site.plan import Machine, Recording
+from drivetool.site.plan.recipe import Step
+from drivetool.site.plan.tasks import Maker, Output, judging, newest
+from drivetool.site.results import Entry, Told
+from drivetool.site.verdicts import judge
 from tests import sites
 
 

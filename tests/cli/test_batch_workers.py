@@ -8,9 +8,9 @@ import threading
 
 import pytest
 
-from drivetool.cli.batch.executor import once
-from drivetool.cli.batch.pool import Limits, Pool, Worker
 from drivetool.cli.command_line import run_words
+from drivetool.site.pool import Limits, Pool, once
+from drivetool.site.pool.pool import Worker
 from tests import sites
 
 ENOUGH = Limits(60.0, 2000.0)

@@ -18,7 +18,8 @@ import typer
 import yaml
 
 import drivetool
-from drivetool.cli import command_line, outcomes
+from drivetool.cli import command_line
+from drivetool.cli.output import outcomes
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from tests.places import ROOT
@@ -255,7 +256,7 @@ def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
         fields = ["min_fit", "max_correlation", "seed"]
         monkeypatch.setattr(validation, "ValidateOptions", make_dataclass("O", fields), raising=False)
     monkeypatch.setitem(
-        sys.modules, "drivetool.check.validation.validate", types.SimpleNamespace(validate=validate))
+        sys.modules, "drivetool.check.validation.free_run_validation", types.SimpleNamespace(validate=validate))
     (folder / "b.yaml").write_text(HAND + "noise: {torque_std: 1.5}\n")
     words = ["validate", "steps.parquet", "-p", "hand.yaml", "-p", "b.yaml", "-o", "v.yaml"]
     assert call(*words)[0] == 0
@@ -341,8 +342,8 @@ def test_exit_codes_are_decided_in_one_place(severities, passed, strict, code):
 
 KEPT_ELSEWHERE = """
 import contextlib, typer
-from drivetool.cli.outcomes import guarded
-from drivetool.drive.code_folder import folder
+from drivetool.cli.output.outcomes import guarded
+from drivetool.drive.compile.code_folder import folder
 
 with contextlib.suppress(typer.Exit):
     guarded("greybox", lambda: len({folder(), folder()}) - 1)

@@ -54,7 +54,7 @@ def test_every_command_passes_the_steps_on(folder, call, monkeypatch, command):
         seen.append(list(steps))
         raise BadRecording("anything", "a stop", "Go on.")
 
-    monkeypatch.setattr("drivetool.logs.build.open_experiment", stop)
+    monkeypatch.setattr("drivetool.logs.door.open_experiment", stop)
     code, out, err = call(*words_for(command))
     assert (code, out, seen) == (1, "", [STEPS]) and "a stop" in err and not (folder / "sim.parquet").exists()
 

@@ -2,8 +2,9 @@
 
 from typing import get_args
 
-from drivetool.cli.options import BlackboxCriterionName, CriterionName, FitCriterionName
-from drivetool.identify.options import Criterion, Options
+from drivetool.cli.options.common import BlackboxCriterionName, CriterionName, FitCriterionName
+from drivetool.identify.setup import Options
+from drivetool.identify.setup.options import Criterion
 
 
 def test_the_command_line_takes_every_criterion_and_no_other():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.identify.explanations.laws import UNFELT
+from drivetool.identify.laws.laws import UNFELT
 from tests.simulator.records import write_parquet
 from tests.study.missing_laws.record import draw
 from tests.study.two_masses import record as two_masses

@@ -15,9 +15,10 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.check.diagnosis import UNLISTED, DiagnoseOptions
+from drivetool.check.outcome import UNLISTED, DiagnoseOptions
 from drivetool.errors import Finding, NotEnoughData
-from drivetool.files import schema, write
+from drivetool.files.disk import write
+from drivetool.files.shapes import schema
 from tests import diagnosed
 
 FITTED = """schema: drivetool/parameters/1
@@ -44,7 +45,7 @@ def asked(monkeypatch):
         data = tuple((e.name, e.sha256) for e in experiments)
         return replace(seen.answer, estimate=replace(seen.answer.estimate, data=data))
 
-    monkeypatch.setitem(sys.modules, "drivetool.check.diagnose", types.SimpleNamespace(diagnose=diagnose))
+    monkeypatch.setitem(sys.modules, "drivetool.check.full_diagnosis", types.SimpleNamespace(diagnose=diagnose))
     return seen
 
 
@@ -315,7 +316,7 @@ def test_validate_says_when_to_diagnose(folder, call, monkeypatch):
         return validation.Validation((), "passed", (finding,) if options.seed == 1 else ())
 
     monkeypatch.setitem(
-        sys.modules, "drivetool.check.validation.validate", types.SimpleNamespace(validate=validate))
+        sys.modules, "drivetool.check.validation.free_run_validation", types.SimpleNamespace(validate=validate))
     words = ["validate", "a.parquet", "-p", "base.yaml", "-o", "v.yaml"]
     hint = "run diagnose: drivetool diagnose a.parquet --params base.yaml\n"
     assert hint in call(*words)[2] and hint not in call(*words, "--seed", 2)[2]

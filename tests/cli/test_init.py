@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from drivetool.cli.batch.recordings import find
-from drivetool.files.site.site_file import load_site
+from drivetool.site.plan import find, load_site
 from tests import sites
 from tests.places import RIG
 

@@ -13,11 +13,10 @@ import yaml
 from mcap.writer import CompressionType
 
 from drivetool.cli import command_line
-from drivetool.files.inspect_picture import panels
-from drivetool.files.inspection import exhibit
-from drivetool.files.schema import schemas
-from drivetool.logs.build import open_experiment
-from drivetool.logs.inspect import inspect_log
+from drivetool.files.figures.inspect_picture import panels
+from drivetool.files.results import exhibit
+from drivetool.files.shapes.schema import schemas
+from drivetool.logs.door import inspect_log, open_experiment
 from tests import encodings
 from tests.logs.test_condition import motion
 from tests.logs.test_parquet import field
@@ -229,7 +228,7 @@ def without_data(text):
 
 @pytest.mark.slow
 def test_every_encoding_and_layout_gives_the_same_experiment_and_file(tmp_path, call):
-    from drivetool.files.channel_map_file import load_channel_map
+    from drivetool.files.yaml import load_channel_map
 
     seen = {}
     paths = write_everything(tmp_path)
@@ -259,7 +258,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("two_clocks", [False, True])
 def test_convert_changes_nothing(tmp_path, call, two_clocks):
-    from drivetool.files.channel_map_file import load_channel_map
+    from drivetool.files.yaml import load_channel_map
 
     messages = encodings.rows(200, STEP, START)
     (tmp_path / "map.yaml").write_text(MAP.replace("channel: speed", "channel: /other.speed" if two_clocks else
@@ -280,8 +279,8 @@ def test_convert_changes_nothing(tmp_path, call, two_clocks):
 
 
 def test_a_converted_recording_has_the_same_bytes_whatever_was_in_memory():
-    from drivetool.files.parquet_file import recording_bytes
-    from drivetool.logs.experiment import Channel, Recording
+    from drivetool.files.results import recording_bytes
+    from drivetool.logs import Channel, Recording
 
     rng, seen = np.random.default_rng(1), set()
     one, other = np.arange(200) * 4e-4, np.arange(90) * 8e-4

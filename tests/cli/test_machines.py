@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from drivetool.cli.compare import machines_of
+from drivetool.cli.commands.compare import machines_of
 from drivetool.errors import BadOption
 from tests.cli.test_inverse import logged
 from tests.identify.days import days_of, machine_of

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from drivetool.errors import BadOption
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.channels import SCHEMA, ChannelMap
 
 N, STEP, VISCOUS, COULOMB = 12_000, 0.002, 0.05, 0.3
 

@@ -3,10 +3,10 @@
 import pytest
 import yaml
 
-from drivetool.cli.job import BETWEEN
-from drivetool.cli.record_option import joined
+from drivetool.cli.options.job import BETWEEN
+from drivetool.cli.options.record_option import joined
 from drivetool.errors import BadParameters
-from drivetool.files.parameter_file import load_parameters
+from drivetool.files.yaml import load_parameters
 from tests.cli.test_inverse import logged
 from tests.identify.test_by_record import record
 

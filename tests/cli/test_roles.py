@@ -12,7 +12,7 @@ import yaml
 from mcap.writer import Writer
 from scipy.linalg import expm
 
-from drivetool.logs.roles import ROLES, quantity
+from drivetool.logs import ROLES, quantity
 
 N, STEP = 3000, 1e-3
 # Two motors on one line, and a turntable behind a gear; what is behind the gear counts there.

@@ -5,8 +5,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from drivetool.identify.shaft_torque.channel import BLOCKS, SURE, check_shaft_torque, share_of
-from drivetool.logs.build import open_experiment
+from drivetool.identify.shaft_torque import check_shaft_torque
+from drivetool.identify.shaft_torque.channel import BLOCKS, SURE, share_of
+from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 
 LIGHT = FIXTURES / "light"
@@ -51,7 +52,7 @@ def test_steady_needs_a_motor_torque(call, tmp_path):
 
 @pytest.mark.parametrize("name", ["steady", "steps", "gap", "gap_holdout"])
 def test_right_recordings_pass(name):
-    from drivetool.drive.chain import one_body, two_mass
+    from drivetool.drive import one_body, two_mass
 
     record = open_experiment(LIGHT / f"{name}.parquet")
     check_shaft_torque([record], two_mass())

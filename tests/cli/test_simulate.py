@@ -12,13 +12,14 @@ import pytest
 import yaml
 
 from drivetool.check.causes import CAUSES, chosen_causes, told_sizes
-from drivetool.check.report.model_run import run_model
-from drivetool.drive.chain import one_body, three_mass, two_mass
+from drivetool.check.validation import run_model
+from drivetool.drive import one_body, two_mass
+from drivetool.drive.chain import three_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.estimate import Parameter
-from drivetool.logs.build import open_experiment
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
+from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import machine_by_seed, running

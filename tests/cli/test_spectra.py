@@ -8,7 +8,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from drivetool.files.schema import schemas
+from drivetool.files.shapes.schema import schemas
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine
 from tests.simulator.records import white_noise, write_parquet

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from drivetool.files.schema import schemas
+from drivetool.files.shapes.schema import schemas
 from tests.places import FIXTURES
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine

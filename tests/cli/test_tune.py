@@ -123,7 +123,7 @@ def test_options_reach_the_design(folder, call):
 
 @pytest.mark.slow
 def test_tandem_side_by_side(folder, call, monkeypatch):
-    from drivetool.tune import search
+    from drivetool.tune.optimisation import search
 
     monkeypatch.setattr(search, "TIMES", 24)  # the optimum itself is tested elsewhere
     monkeypatch.setattr(search, "SECONDS", 7)
@@ -239,9 +239,9 @@ def test_wrong_words_give_one_clear_sentence(folder, call, words, code, message)
 
 def test_ratings_and_speed_filter_are_carried_by_every_step(folder):
     """What a person adds to a parameter file is in the file of the next step."""
-    from drivetool.drive.chain import two_mass
-    from drivetool.files.parameter_file import load_parameters
-    from drivetool.files.result_file import dump, estimate_file
+    from drivetool.drive import two_mass
+    from drivetool.files.results import dump, estimate_file
+    from drivetool.files.yaml import load_parameters
     from drivetool.identify.estimate import Estimate
 
     loaded = load_parameters(["drive.yaml", "ratings.yaml"])

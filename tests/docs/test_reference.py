@@ -7,7 +7,8 @@ import pytest
 
 from drivetool.cli.command_line import COMMANDS
 from drivetool.finding_codes import CODES
-from drivetool.logs.roles import FURTHER, ROLES
+from drivetool.logs import ROLES
+from drivetool.logs.roles import FURTHER
 from tests.places import ROOT
 
 FOLDER = ROOT / "docs" / "reference"

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from drivetool.logs.summary import read_summary
+from drivetool.logs.formats import read_summary
 from tests.places import FIXTURES, RIG, ROOT
 from tests.summaries import site_of_the_pages
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import one_body
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.simulate import Trace
 from drivetool.identify.setup import Roles, problem_of
 from tests.coasting import RPM, STEP, Motor, motion
 

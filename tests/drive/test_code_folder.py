@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from drivetool.drive import code_folder
+from drivetool.drive.compile import code_folder
 from drivetool.errors import DriveToolError, Notice
 
 NAME = code_folder.folder_name()
@@ -208,7 +208,7 @@ def test_and_after_numba_which_is_not_imported_for_that(tmp_path):
     for version in ("0.68.1", "0.68.2"):
         (tmp_path / "numba" / "_version.py").write_text(f"version_json = '{version}'")
         done = subprocess.run(
-            [sys.executable, "-c", "import drivetool.drive.machine_code as m; import sys; "
+            [sys.executable, "-c", "import drivetool.drive.compile.machine_code as m; import sys; "
              "from importlib import import_module; "
              "print(import_module(m.folder.__module__).folder_name(), 'numba' in sys.modules, "
              "'importlib.metadata' in sys.modules)"],

@@ -6,14 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from drivetool.drive import chain
 from drivetool.drive.chain import three_mass, two_mass
-from drivetool.drive.effects import EFFECTS, imbalance
+from drivetool.drive.effects import imbalance
+from drivetool.drive.effects.catalogue import EFFECTS
 from drivetool.drive.effects.induction import VOLTAGES
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, plant_of
 
 pytestmark = pytest.mark.usefixtures("code_for_any_size")

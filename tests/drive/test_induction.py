@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import one_body
 from drivetool.drive.effects.induction import FLUXES, VOLTAGES, flux_flow, steady_torque
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import Trace
 from tests.coasting import STEP
 from tests.induction import ELECTRICAL, Machine, run_up
 

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-from drivetool.drive import numba_private
-from drivetool.drive.numba_private import kept_in_folder
+from drivetool.drive.compile import numba_private
+from drivetool.drive.compile.numba_private import kept_in_folder
 
 
 def twice(x):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim
 
-from drivetool.drive import augment
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import Drive, two_mass
 from drivetool.drive.linearise import state_space
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation import augment
+from drivetool.drive.simulation.simulate import Trace
 from drivetool.errors import BadParameters
 from tests.simulator.machine import Machine, State, at_rest, machine_by_seed
 from tests.simulator.simulate import simulate, simulate_linear

@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 
-from drivetool.drive import simulate
-from drivetool.drive.effects import EFFECTS
-from drivetool.drive.simulate import Trace
-from drivetool.drive.table import fields, packed
+from drivetool.drive.arrays.table import fields, packed
+from drivetool.drive.effects.catalogue import EFFECTS
+from drivetool.drive.simulation import simulate
+from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_effects import OUTPUTS, OWNER, SMOOTH, base, reversals
 from tests.drive.test_kernel import STEP, THREE, drive_of, plant_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import (
     CHAIN,
     STEP,

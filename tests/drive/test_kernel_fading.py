@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive import augment
 from drivetool.drive.assemble import Layout
 from drivetool.drive.chain import two_mass
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation import augment
+from drivetool.drive.simulation.simulate import Trace
 
 STEP, SIZE = 1e-3, 2000
 LAWS = {

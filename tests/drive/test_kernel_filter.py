@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, toeplitz
 
-from drivetool.drive.simulate import CHUNK, Gains, Trace
+from drivetool.drive.simulation.simulate import CHUNK, Gains, Trace
 from tests.drive.test_kernel import STEP, changed, drive_of, levels, plant_of, start_of
 from tests.simulator.linear import equations
 from tests.simulator.machine import Machine, at_rest, machine_by_seed

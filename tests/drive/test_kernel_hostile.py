@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivetool.drive import system
-from drivetool.drive.simulate import Trace
+from drivetool.drive.arrays import system
+from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, compared, drive_of, kernel, levels, plant_of, rms, start_of
 from tests.simulator.machine import Machine, State
 

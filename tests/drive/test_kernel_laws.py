@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import Drive
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import Trace
 from tests.drive.test_kernel import STEP, drive_of, levels, rms
 from tests.simulator.effects import Effects
 from tests.simulator.fast import simulate_fast

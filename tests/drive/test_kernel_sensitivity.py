@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.simulate import Gains, Trace
+from drivetool.drive.simulation.simulate import Gains, Trace
 from tests.drive.test_kernel import CHAIN, STEP, THREE, changed, drive_of, levels, plant_of, rms, start_of
 from tests.simulator.machine import Machine, State, machine_by_seed
 

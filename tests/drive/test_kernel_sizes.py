@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive import simulate
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of as law_plant_of
 from drivetool.drive.chain import one_body
-from drivetool.drive.machine_code import address
-from drivetool.drive.simulate import Gains, Trace
+from drivetool.drive.compile.machine_code import address
+from drivetool.drive.simulation import simulate
+from drivetool.drive.simulation.augment import plant_of as law_plant_of
+from drivetool.drive.simulation.simulate import Gains, Trace
 from tests.drive.test_kernel import STEP, THREE, changed, drive_of, levels, plant_of
 from tests.drive.test_kernel_filter import RIG
 

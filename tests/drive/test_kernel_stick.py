@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.drive.filter import FIRM
-from drivetool.drive.run import MOMENT
-from drivetool.drive.simulate import Gains, Trace
+from drivetool.drive.kernel.filter import FIRM
+from drivetool.drive.kernel.run import MOMENT
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import Gains, Trace
 
 STEP, INERTIA, COULOMB = 1e-3, 0.01, 1.0
 

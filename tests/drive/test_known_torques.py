@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import one_body, two_mass
-from drivetool.drive.simulate import CHUNK, Trace
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import CHUNK, Trace
 
 STEP, N = 1e-3, 1500
 FACTOR = 0.7

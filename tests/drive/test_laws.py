@@ -10,10 +10,11 @@ import pytest
 from numba import njit
 
 from drivetool.drive import chain, effects
-from drivetool.drive.effects import LAW_TORQUES, drag
-from drivetool.drive.laws import law_torque
-from drivetool.drive.machine_code import address
-from drivetool.drive.system import PARAMETERS
+from drivetool.drive.arrays.system import PARAMETERS
+from drivetool.drive.compile.machine_code import address
+from drivetool.drive.effects import drag
+from drivetool.drive.effects.catalogue import LAW_TORQUES
+from drivetool.drive.kernel.laws import law_torque
 from tests.drive.test_effects import OUTPUTS, base
 from tests.drive.test_kernel import plant_of
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
 from drivetool.drive.chain import two_mass
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.augment import plant_of
+from drivetool.drive.simulation.simulate import Trace
 from drivetool.identify.noise import minus_log_likelihood
 
 STEP, HEAVY = 1e-3, 1e6

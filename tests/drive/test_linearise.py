@@ -5,7 +5,7 @@ import pytest
 
 from drivetool.drive.chain import one_body, three_mass, two_mass
 from drivetool.drive.linearise import frequency_response, resonances, state_space
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.simulate import Trace
 from drivetool.errors import BadOption, BadParameters
 from tests.drive.test_kernel import CHAIN, changed, drive_of, plant_of
 from tests.simulator.linear import equations

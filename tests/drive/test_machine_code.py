@@ -12,8 +12,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from drivetool.drive import machine_code
-from drivetool.drive.code_folder import SOURCES
+from drivetool.drive.compile import machine_code
+from drivetool.drive.compile.code_folder import SOURCES
 from drivetool.errors import DriveToolError
 
 PARTS = sorted({part for group in machine_code.GROUPS for line in group for part in line})
@@ -22,9 +22,9 @@ ALONE = """
 import sys
 import numpy as np
 from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
+from drivetool.drive.simulation.augment import plant_of
 from drivetool.drive.chain import two_mass
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation.simulate import Trace
 
 drive = two_mass().with_values({"motor.inertia": 0.6, "load.inertia": 5.2, "shaft.stiffness": 3300.0,
                                 "shaft.damping": 3.1, "load.drag": 0.1})
@@ -130,7 +130,7 @@ def changed(kept, what):
 LOAD = """
 import shutil, subprocess, sys, time
 from pathlib import Path
-import drivetool.drive.machine_code as machine_code
+import drivetool.drive.compile.machine_code as machine_code
 
 def run(words, **_):
     with open("log", "a") as log:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from drivetool.drive import numba_private
+from drivetool.drive.compile import numba_private
 
 ROOT = Path(__file__).parents[2] / "drivetool"
 ADAPTER = Path(numba_private.__file__)

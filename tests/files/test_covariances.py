@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.files.parameter_file import load_parameters
+from drivetool.files.yaml.parameter_file import load_parameters
 
 
 def written(tmp_path, *contents):

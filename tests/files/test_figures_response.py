@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivetool.files.figures import figure
+from drivetool.files.figures.exhibits import figure
 from drivetool.identify.estimate import Exhibit
 
 

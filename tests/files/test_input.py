@@ -8,12 +8,12 @@ import pytest
 import yaml
 from hypothesis import given
 
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadParameters
-from drivetool.files import units
-from drivetool.files.channel_map_file import load_channel_map
-from drivetool.files.parameter_file import load_parameters
-from drivetool.files.text import from_yaml, number_text, plain, to_json, to_yaml
+from drivetool.files.yaml import units
+from drivetool.files.yaml.channel_map_file import load_channel_map
+from drivetool.files.yaml.parameter_file import load_parameters
+from drivetool.files.yaml.text import from_yaml, number_text, plain, to_json, to_yaml
 
 HEAD = "schema: drivetool/parameters/1\n"
 AT = HEAD + "parameters: "

@@ -13,12 +13,15 @@ import pytest
 import yaml
 from rich.console import Console
 
-from drivetool.check.validation.result import RecordCheck, Validation
-from drivetool.drive.chain import two_mass
+from drivetool.check.validation import RecordCheck, Validation
+from drivetool.drive import two_mass
 from drivetool.errors import BadOption, CannotWrite, Finding
-from drivetool.files import plots, schema, tables, thinning, write
-from drivetool.files.parameter_file import load_parameters, load_result
-from drivetool.files.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
+from drivetool.files.disk import write
+from drivetool.files.figures import plots, thinning
+from drivetool.files.results.result_file import dump, dump_estimate, dump_validation, estimate_file, validation_file
+from drivetool.files.shapes import schema
+from drivetool.files.tables import result_tables as tables
+from drivetool.files.yaml.parameter_file import load_parameters, load_result
 from drivetool.identify.estimate import Covariance, Estimate, Exhibit, Parameter
 from tests.places import SCHEMAS
 

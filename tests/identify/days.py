@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive, one_body
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import Drive, one_body
+from drivetool.logs import Experiment
 from tests.recover import experiment
 from tests.simulator.experiments import alternating
 from tests.simulator.fast import simulate_fast

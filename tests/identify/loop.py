@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive, one_body
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import Drive, one_body
+from drivetool.logs import Experiment
 from tests.study.missing_laws import kernel
 from tests.study.missing_laws.record import memory_noise
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import one_body
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.logs import Experiment
 from tests.recover import experiment
 
 STEP = 2e-3  # s

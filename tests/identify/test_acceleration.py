@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, kstest
 
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, BadRecording, NotEnoughData
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
-from drivetool.identify.steady_speeds.acceleration import UNLIKELY
-from drivetool.identify.steady_speeds.spans import CHANGE, LEVEL, PIECES, SHORTEST, off_the_line, spans_of
+from drivetool.identify.acceleration.road import UNLIKELY
+from drivetool.identify.acceleration.spans import CHANGE, LEVEL, PIECES, SHORTEST, off_the_line, spans_of
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
 from tests.bus_fixtures import BUS, bus, bus_drive
 from tests.simulator.fast import simulate_fast
 from tests.simulator.machine import at_rest, running
-from tests.simulator.papers import BUS as MACHINE
-from tests.simulator.papers import BUS_STEP, MASS, RADIUS, bus_record
+from tests.simulator.papers import BUS as MACHINE, BUS_STEP, MASS, RADIUS, bus_record
 from tests.simulator.records import white_noise
 from tests.simulator.simulate import simulate_linear
 

@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.explanations import across_gap, foretold
-from drivetool.identify.explanations.across_gap import confirmed, from_free_runs, was_confirmed
-from drivetool.identify.explanations.candidates import Field
-from drivetool.identify.explanations.explanation import spread
-from drivetool.identify.explanations.judge import run_length
-from drivetool.identify.explanations.laws import Law
-from drivetool.identify.inverse_dynamics.linear import BLOCKS
-from drivetool.identify.least_squares import solve
-from drivetool.identify.problem import Normal, Point
-from drivetool.identify.task import Outcome, Task
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.laws import across_gap, foretold
+from drivetool.identify.laws.across_gap import confirmed, from_free_runs, was_confirmed
+from drivetool.identify.laws.candidates import Field
+from drivetool.identify.laws.explanation import spread
+from drivetool.identify.laws.judge import run_length
+from drivetool.identify.laws.laws import Law
+from drivetool.identify.motion.linear import BLOCKS
+from drivetool.identify.problem.least_squares import solve
+from drivetool.identify.problem.problem import Normal, Point
+from drivetool.identify.setup.task import Outcome, Task
 from tests.study.shared.command import greybox
 from tests.study.two_masses.estimators import NAMES, start_values
 from tests.study.two_masses.record import STEP, draw

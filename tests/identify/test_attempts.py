@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.identify import engine, search
-from drivetool.identify.attempts import attempted, that_held
-from drivetool.identify.engine import by_innovations
+from drivetool.identify.fit import engine
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.starts import search
+from drivetool.identify.starts.attempts import attempted, that_held
 from tests.identify.test_foretold import drawn
 
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.drive.simulate import Trace
-from drivetool.identify.setup import led_in
+from drivetool.drive import one_body
+from drivetool.drive.simulation import Trace
+from drivetool.identify.setup.setup import led_in
 from tests.drive.test_kernel import STEP, drive_of, levels, plant_of
 from tests.hidden.command import ask
 from tests.recover import experiment

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.stats import chi2
 
-from drivetool.drive.chain import one_body, three_mass, two_mass
-from drivetool.drive.simulate import Trace
+from drivetool.drive import one_body, two_mass
+from drivetool.drive.chain import three_mass
+from drivetool.drive.simulation import Trace
 from drivetool.errors import BadOption, BadParameters, BadRecording, NotEnoughData
-from drivetool.files.channel_map_file import load_channel_map
-from drivetool.files.result_file import dump_estimate
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.options import Options
-from drivetool.identify.transfer import TWO_MASS, VISCOUS, Form, form_of, impossible, to_physical
-from drivetool.logs.build import open_experiment
-from drivetool.logs.experiment import Experiment
+from drivetool.files.results.result_file import dump_estimate
+from drivetool.files.yaml import load_channel_map
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.blackbox.transfer import TWO_MASS, VISCOUS, Form, form_of, impossible, to_physical
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.setup.options import Options
+from drivetool.logs import Experiment
+from drivetool.logs.door import open_experiment
 from tests.places import RIG
 from tests.simulator import experiments
 from tests.simulator.controllers import SpeedPI

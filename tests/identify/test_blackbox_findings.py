@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.drive.simulate import Trace
-from drivetool.identify.blackbox_findings import findings_of
-from drivetool.identify.estimate import Parameter
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import two_mass
+from drivetool.drive.simulation import Trace
+from drivetool.identify.blackbox.blackbox_findings import findings_of
+from drivetool.identify.estimate.estimate import Parameter
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.logs import Experiment
 
 STEP = 1e-3
 DRIVE = two_mass().with_values({"motor.inertia": 1.0, "load.inertia": 4.0, "shaft.stiffness": 3000.0,

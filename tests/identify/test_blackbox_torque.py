@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
+from drivetool.drive import two_mass
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
 from tests.light_rigs import HEAVY, STEP, TABLE, Sensors, channels, idle_at_motor, steady_record, steps_record
 from tests.study.study_shaft_torque import opened, truth_of
 

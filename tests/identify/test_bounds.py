@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.least_squares import Solution
-from drivetool.identify.problem import Normal, Point
-from drivetool.identify.results import parameters_of
+from drivetool.drive import two_mass
+from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.problem.least_squares import Solution
+from drivetool.identify.problem.problem import Normal, Point
 
 NAMES = ("motor.viscous", "load.viscous")
 SUM, EACH = 1e4, 1.0  # information on the sum of two frictions, and on each by itself

@@ -6,16 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.drive.linearise import state_space
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.problem import Point
-from drivetool.identify.recordings.by_record import as_recorded, shared_by_some
-from drivetool.identify.setup import EVERY, first_point, problem_of, roles_of, traces_of
-from drivetool.identify.start import Start
-from drivetool.identify.task import Task, has_gap
-from drivetool.logs.experiment import number_of
+from drivetool.drive import one_body, state_space, two_mass
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.problem.problem import Point
+from drivetool.identify.setup.by_record import as_recorded, shared_by_some
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import EVERY, first_point, problem_of, roles_of, traces_of
+from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.task import Task, has_gap
+from drivetool.logs import number_of
 from tests.identify.loop import MACHINES, loop_record
 from tests.recover import experiment, reversing_record
 from tests.simulator.machine import Machine

@@ -5,19 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import three_mass, two_mass, vehicle
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass, vehicle
 from drivetool.errors import BadOption, BadParameters, BadRecording
-from drivetool.identify.greybox import default_free, greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recordings.clamped import (
-    GIVES_WAY,
-    MOVES,
-    TURNS,
-    check_clamped,
-    swing_of,
-    with_first_values,
-)
-from drivetool.identify.setup import problem_of, roles_of, traces_of
+from drivetool.identify.greybox.clamped import GIVES_WAY, MOVES, TURNS, check_clamped, swing_of, with_first_values
+from drivetool.identify.greybox.estimator import default_free, greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import problem_of, roles_of, traces_of
 from tests.bus_fixtures import BUS, bus, bus_drive
 from tests.simulator.machine import Machine, State
 from tests.simulator.records import white_noise

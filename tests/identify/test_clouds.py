@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass, vehicle
-from drivetool.identify.clouds import LEAST, REACH, guesses
-from drivetool.identify.engine import Task
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.light import load_share, loosened
-from drivetool.identify.options import Options
-from drivetool.identify.setup import roles_of
+from drivetool.drive import two_mass
+from drivetool.drive.chain import vehicle
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.identifiability.light import load_share, loosened
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.identify.starts.clouds import LEAST, REACH, guesses
 from tests.recover import experiment
 
 VALUES = {"motor.inertia": 2.0, "load.inertia": 0.3, "shaft.stiffness": 400.0, "shaft.damping": 0.5,

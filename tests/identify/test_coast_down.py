@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, DriveToolError, NotEnoughData
-from drivetool.identify.coast_down import fit as fitting
+from drivetool.identify.coast_down import run_down_fit as fitting
 from drivetool.identify.coast_down.readings import reading_of
 from drivetool.identify.coast_down.stretches import stretches_of
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.options import Options
-from drivetool.identify.start import Start
-from drivetool.identify.steady import steady
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.start import Start
+from drivetool.identify.steady.estimator import steady
 from tests.coasting import RPM, STEP, Motor, counts, driven_then_off, motion, recording, run_down
 
 PAPER = Motor()

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.cli.stages_option import windows_of
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.cli.options import windows_of
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
 from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recording, run_down
 
 PAPER = Motor()

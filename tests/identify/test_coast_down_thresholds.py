@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.errors import BadRecording, Finding, NotEnoughData
 from drivetool.identify.coast_down import laws, readings, report, stretches
-from drivetool.identify.coast_down.fit import Fitted
+from drivetool.identify.coast_down.run_down_fit import Fitted
 from tests.coasting import RPM, STEP, Motor, counts, motion, recording
 
 COUNT = 2.0 * np.pi / 1000

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate import validate
-from drivetool.drive.chain import two_mass
+from drivetool.check.validation import ValidateOptions, validate
+from drivetool.drive import two_mass
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.files.parameter_file import load_parameters
-from drivetool.identify.compare import CompareOptions, Model, compare, spread_of
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.spectra import SpectraOptions, spectra
-from drivetool.logs.build import open_experiment
-from drivetool.logs.experiment import Experiment
+from drivetool.files.yaml import load_parameters
+from drivetool.identify.frequency.estimator import SpectraOptions, spectra
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.several.comparison import CompareOptions, Model, compare, spread_of
+from drivetool.logs import Experiment
+from drivetool.logs.door import open_experiment
 from tests.places import FIXTURES
 
 BUS = ("prbs1", "prbs2", "chirp1", "chirp2", "sines1", "sines2")

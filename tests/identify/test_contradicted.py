@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.compose import contradicted
-from drivetool.identify.estimate import Covariance
+from drivetool.drive import two_mass
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.outcome.composition import contradicted
 
 BEFORE = two_mass().with_values({
     "motor.inertia": 1.0, "load.inertia": 2.0, "total.viscous": 0.5, "shaft.ratio": 2.0})

@@ -10,11 +10,12 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from drivetool.identify.engine import Task, by_innovations
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.results import parameters_of
-from drivetool.identify.setup import roles_of
+from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import STEP, drive_like, experiment, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running

@@ -11,13 +11,14 @@ import os
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import three_mass, two_mass
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.pem_figures import figures_of
-from drivetool.identify.pem_fit import fit_structure
-from drivetool.identify.pem_model import Stretch, Structure
-from drivetool.identify.realise import conversion, ringing_with_std
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.polynomial.pem_figures import figures_of
+from drivetool.identify.polynomial.pem_fit import fit_structure
+from drivetool.identify.polynomial.pem_model import Stretch, Structure
+from drivetool.identify.polynomial.realise import conversion, ringing_with_std
+from drivetool.identify.setup.options import Options
 from tests.cramer_rao import least_std
 from tests.recover import experiment
 from tests.simulator.experiments import multisine

@@ -7,11 +7,12 @@ import os
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.compose import unsettled
-from drivetool.identify.engine import Task, by_innovations
-from drivetool.identify.results import parameters_of
-from drivetool.identify.setup import roles_of
+from drivetool.drive import two_mass
+from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.outcome.composition import unsettled
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import STEP, experiment, truth
 from tests.simulator.experiments import multisine, trapezoids
 from tests.simulator.fast import PI, simulate_fast

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, three_mass, two_mass, vehicle
-from drivetool.identify.derived import derived
-from drivetool.identify.estimate import Covariance, Parameter
+from drivetool.drive import one_body, two_mass
+from drivetool.drive.chain import three_mass, vehicle
+from drivetool.identify.estimate.derived_figures import derived
+from drivetool.identify.estimate.estimate import Covariance, Parameter
 
 # Table 6.2 of Tallfors 2005: light rig as black box and as grey box, heavy rig across its gap.
 TABLE = {

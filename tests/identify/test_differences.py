@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.compare import CompareOptions, compare
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recordings.differences import LEVEL, between_machines, differences, holm
-from drivetool.identify.setup import reverses
+from drivetool.drive import one_body
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import reverses
+from drivetool.identify.several.comparison import CompareOptions, compare
+from drivetool.identify.several.differences import LEVEL, between_machines, differences, holm
 from tests.identify.test_by_record import record
 from tests.recover import experiment
 from tests.simulator.experiments import alternating

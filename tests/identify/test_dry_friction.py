@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.setup import reverses
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import reverses
 from tests.recover import STEP, drive_like, experiment, truth
 from tests.simulator.machine import Machine, at_rest, machine_by_seed, running
 from tests.simulator.records import white_noise

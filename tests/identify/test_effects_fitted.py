@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from drivetool.drive.effects import EFFECTS
-from drivetool.identify.engine import Task, fit_task
-from drivetool.identify.options import Options
-from drivetool.identify.setup import roles_of
+from drivetool.identify.fit.engine import fit_task
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 

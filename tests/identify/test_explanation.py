@@ -6,17 +6,17 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.explanations import explanation
-from drivetool.identify.explanations.candidates import Candidate, Field
-from drivetool.identify.explanations.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
-from drivetool.identify.explanations.influence import sandwich
-from drivetool.identify.explanations.judge import Judge
-from drivetool.identify.inverse_dynamics.linear import BLOCKS
-from drivetool.identify.inverse_dynamics.motion import Smoothing
-from drivetool.identify.noise import Noise
-from drivetool.identify.results import Z95
-from drivetool.identify.task import Task
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.estimate.results import Z95
+from drivetool.identify.laws import explanation
+from drivetool.identify.laws.candidates import Candidate, Field
+from drivetool.identify.laws.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread
+from drivetool.identify.laws.influence import sandwich
+from drivetool.identify.laws.judge import Judge
+from drivetool.identify.motion.linear import BLOCKS
+from drivetool.identify.motion.motion import Smoothing
+from drivetool.identify.noise.noise import Noise
+from drivetool.identify.setup.task import Task
 
 ALL = {"coloured, laws": 1.0, "white, laws": 1.0, "regression, laws": 1.0, "coloured": 1.0, "white": 1.0,
        "regression": 1.0, "free runs, laws": 1.0}

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.identify.test_foretold import drawn
 
 HELD = "motor.viscous"

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.backlash import without_ambiguous
-from drivetool.identify.compose import compose, noise_figures
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
-from drivetool.identify.greybox import both_criteria
-from drivetool.identify.options import Options
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.backlash.estimator import without_ambiguous
+from drivetool.identify.estimate.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.greybox.estimator import both_criteria
+from drivetool.identify.outcome.composition import compose, noise_figures
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.explanations.foretold import FOLDS, _sums, foretold, with_laws
-from drivetool.identify.explanations.laws import UNFELT, library, unfelt
-from drivetool.identify.explanations.log_noise import likely_noise
-from drivetool.identify.inverse_dynamics.motion import motions_of
-from drivetool.identify.noise import filtered
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import one_body
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.laws.foretold import FOLDS, _sums, foretold, with_laws
+from drivetool.identify.laws.laws import UNFELT, library, unfelt
+from drivetool.identify.motion.motion import motions_of
+from drivetool.identify.noise.log_noise import likely_noise
+from drivetool.identify.noise.noise import filtered
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import experiment
 from tests.study.missing_laws.record import arrange, draw, simulate
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from drivetool.drive.chain import three_mass, two_mass
+from drivetool.drive import two_mass
+from drivetool.drive.chain import three_mass
 from drivetool.drive.linearise import frequency_response
 from drivetool.errors import NotEnoughData
-from drivetool.identify.greybox import greybox
-from drivetool.identify.held_response import HeldResponse
-from drivetool.identify.options import Options
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.held_response import HeldResponse
+from drivetool.identify.setup.options import Options
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.linear import equations

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.backlash import backlash
-from drivetool.identify.options import Options
-from drivetool.identify.setup import roles_of
+from drivetool.drive import two_mass
+from drivetool.identify.backlash.estimator import backlash
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from drivetool.identify.shaft_torque.dead_stretches import crossings
 from drivetool.identify.shaft_torque.gap_laws import TOLD, both_laws, law_told
-from drivetool.identify.task import Task
 from tests.light_rigs import HEAVY, TABLE
 from tests.study.study_gap_laws import gap_record, truth_of
 from tests.study.study_shaft_torque import ROLES, opened

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import three_mass, two_mass, vehicle
+from drivetool.drive import Assembly, Layout, two_mass
+from drivetool.drive.chain import three_mass, vehicle
 from drivetool.errors import BadOption
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine, running

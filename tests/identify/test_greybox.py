@@ -9,15 +9,16 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.errors import BadOption, BadParameters
-from drivetool.identify.engine import Task, free_run
-from drivetool.identify.greybox import greybox
-from drivetool.identify.least_squares import marquardt_step
-from drivetool.identify.noise import Noise, normal_under
-from drivetool.identify.options import Options
-from drivetool.identify.setup import Roles, first_point, problem_of, traces_of
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.fit.engine import free_run
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.noise.noise import Noise, normal_under
+from drivetool.identify.problem.least_squares import marquardt_step
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import Roles, first_point, problem_of, traces_of
+from drivetool.identify.setup.task import Task
+from drivetool.logs import Experiment
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 from tests.recover import STEP, drive_like, experiment, gap_record, joint_error, linear_record, truth

@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.drive import two_mass
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.bench.records import CASES
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed

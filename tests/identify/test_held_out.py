@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.explanations.candidates import candidates_of
-from drivetool.identify.explanations.explanation import _no_inertia
-from drivetool.identify.explanations.held_out import PART, _part, held_out_errors
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.drive import one_body
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.laws.candidates import candidates_of
+from drivetool.identify.laws.explanation import _no_inertia
+from drivetool.identify.laws.held_out import PART, _part, held_out_errors
+from drivetool.identify.setup.options import Options
 from tests.identify.swing import TRUTH, record, swing, task_of
 from tests.recover import experiment
 from tests.study.coupled_axes.arm import STEP, draw

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.engine import by_innovations, by_simulation, coloured
-from drivetool.identify.explanations.influence import SLACK, Scores, influence_of, sandwich, scores_of
-from drivetool.identify.inverse_dynamics.linear import BLOCKS
-from drivetool.identify.results import covariance_of
+from drivetool.identify.estimate.results import covariance_of
+from drivetool.identify.fit.engine import by_innovations, by_simulation, coloured
+from drivetool.identify.laws.influence import SLACK, Scores, influence_of, sandwich, scores_of
+from drivetool.identify.motion.linear import BLOCKS
 from tests.identify.test_foretold import drawn
 
 

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadOption
-from drivetool.identify.greybox import greybox, torque_is_the_answer
-from drivetool.identify.inverse_dynamics.asked import asked
-from drivetool.identify.inverse_dynamics.equations import turns
-from drivetool.identify.inverse_dynamics.linear import Rows, change_of, covariance_of, inverse_of
-from drivetool.identify.inverse_dynamics.motion import Motion, Smoothing
-from drivetool.identify.inverse_dynamics.regression import recorded, strength, with_instruments
-from drivetool.identify.options import Options
-from drivetool.identify.setup import roles_of
-from drivetool.identify.start import Start
-from drivetool.identify.task import Task
+from drivetool.identify.greybox.estimator import greybox, torque_is_the_answer
+from drivetool.identify.inverse.regression import recorded, strength, with_instruments
+from drivetool.identify.motion.filtered_equations import turns
+from drivetool.identify.motion.linear import Rows, change_of, covariance_of, inverse_of
+from drivetool.identify.motion.motion import Motion, Smoothing
+from drivetool.identify.motion.required_torque import asked
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.start import Start
+from drivetool.identify.setup.task import Task
 from tests.identify.loop import MACHINES, loop_record, open_record
 from tests.identify.swing import STEP, TRUTH, record, swing
 

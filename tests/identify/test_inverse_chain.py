@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate_torque import validate_torque
-from drivetool.drive.chain import two_mass
+from drivetool.check.validation import ValidateOptions, validate_torque
+from drivetool.drive import two_mass
 from drivetool.errors import NotEnoughData
-from drivetool.identify.greybox import greybox
-from drivetool.identify.inverse_dynamics.behind import begins, behind
-from drivetool.identify.inverse_dynamics.motion import motions_of
-from drivetool.identify.options import Options
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.motion.chain_torque import begins, behind
+from drivetool.identify.motion.motion import motions_of
+from drivetool.identify.setup.options import Options
 from tests.recover import experiment, truth
 from tests.simulator.fast import PI, simulate_fast
 from tests.simulator.machine import Machine

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.explanations.judge import Judge
-from drivetool.identify.inverse_dynamics.motion import Smoothing, smoothing_of
-from drivetool.identify.noise import Noise
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import one_body
+from drivetool.identify.laws.judge import Judge
+from drivetool.identify.motion.motion import Smoothing, smoothing_of
+from drivetool.identify.noise.noise import Noise
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.identify.swing import TRUTH, record, swing, task_of
 from tests.recover import experiment
 

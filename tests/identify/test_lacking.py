@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.identify.loop import MACHINES, loop_record
 from tests.study.missing_laws import kernel
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.explanations.laws import UNFELT, library, unfelt
-from drivetool.identify.inverse_dynamics.motion import motions_of
+from drivetool.identify.laws.laws import UNFELT, library, unfelt
+from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import PARTS, record, swing
 
 BACK = "friction differs by direction"

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.explanations.candidates import candidates_of, laws_of, motions_of_bodies
-from drivetool.identify.explanations.laws import Law, library
-from drivetool.identify.explanations.own_parameters import nearest_line, within_bounds
-from drivetool.identify.inverse_dynamics.motion import motions_of, motions_through
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import two_mass
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.laws.candidates import candidates_of, laws_of, motions_of_bodies
+from drivetool.identify.laws.laws import Law, library
+from drivetool.identify.laws.own_parameters import nearest_line, within_bounds
+from drivetool.identify.motion.motion import motions_of, motions_through
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.identify.swing import record, swing
 from tests.recover import experiment
 from tests.study.two_masses.record import STEP, draw

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.engine import by_innovations, coloured, looks_coloured
-from drivetool.identify.explanations.left_out import GAIN, lack_of, mass_left_out, shaft_torque
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import two_mass
+from drivetool.identify.fit.engine import by_innovations, coloured, looks_coloured
+from drivetool.identify.laws.left_out import GAIN, lack_of, mass_left_out, shaft_torque
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import experiment
 from tests.study.two_masses.record import arrange, observed, simulate
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.identify.explanations.log_noise import likely_noise
+from drivetool.identify.noise.log_noise import likely_noise
 from tests.recover import experiment
 
 N, STEP = 6000, 1e-3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.inverse_dynamics.motion import HIGHEST, motions_of, smoothing_of
-from drivetool.logs.samples.zero_phase import low_pass
+from drivetool.identify.motion.motion import HIGHEST, motions_of, smoothing_of
+from drivetool.logs.samples import low_pass
 from tests.identify.swing import STEP, record, swing
 from tests.recover import experiment
 

@@ -7,13 +7,14 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import binom, norm
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.engine import Task, by_innovations
-from drivetool.identify.greybox import greybox
-from drivetool.identify.noise_doubt import from_noise_doubt
-from drivetool.identify.options import Options
-from drivetool.identify.results import Z95, covariance_of
-from drivetool.identify.setup import roles_of
+from drivetool.drive import one_body
+from drivetool.identify.estimate.results import Z95, covariance_of
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.outcome.noise_doubt import from_noise_doubt
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import experiment
 
 STEP, INERTIA, IDLE, SIZE = 0.01, 2.0, 0.5, 400  # s, kg m^2, N m, samples

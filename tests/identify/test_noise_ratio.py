@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.greybox import greybox
-from drivetool.identify.innovations import fit_innovations, settle
-from drivetool.identify.noise import likelier_ratio
-from drivetool.identify.options import Options
-from drivetool.identify.rounding import digits, only_rounding
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
-from drivetool.logs.units import TABLE
+from drivetool.drive import one_body
+from drivetool.identify.estimate.rounding import digits, only_rounding
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.noise.innovations import fit_innovations, settle
+from drivetool.identify.noise.noise import likelier_ratio
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.logs import TABLE
 from tests.recover import experiment
 
 STEP, INERTIA, VISCOUS, SIZE = 2e-3, 0.02, 0.015, 2000  # s, kg m^2, N m s/rad, samples

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.check.fit.model import everything, judge
-from drivetool.drive.simulate import Filtered, Gains
-from drivetool.identify.engine import Task
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
-from drivetool.identify.noise_scoring import heard, scored
-from drivetool.identify.setup import first_point, roles_of
+from drivetool.check.fit import everything, judge
+from drivetool.drive.simulation import Filtered, Gains
+from drivetool.identify.noise.noise import Noise, filtered, minus_log_likelihood
+from drivetool.identify.noise.noise_scoring import heard, scored
+from drivetool.identify.setup.setup import first_point, roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import drive_like, linear_record
 from tests.simulator.machine import machine_by_seed
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 

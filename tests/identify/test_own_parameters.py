@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.explanations.laws import Law, library, unfelt
-from drivetool.identify.explanations.own_parameters import STANDSTILL, nearest_line, within_bounds
-from drivetool.identify.inverse_dynamics.motion import motions_of
+from drivetool.identify.laws.laws import Law, library, unfelt
+from drivetool.identify.laws.own_parameters import STANDSTILL, nearest_line, within_bounds
+from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 S = swing()

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from drivetool.drive.chain import three_mass
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.parts import parted
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.identify.fit.parts import parted
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from drivetool.errors import NotEnoughData
-from drivetool.identify.portions import by_portions
+from drivetool.identify.starts.portions import by_portions
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import run
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.least_squares import solve
-from drivetool.identify.problem import Point
-from drivetool.identify.results import inverted
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import one_body
+from drivetool.identify.estimate.results import inverted
+from drivetool.identify.problem.least_squares import solve
+from drivetool.identify.problem.problem import Point
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import experiment
 
 STEP, N, LAG = 1e-2, 300, 7

@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.greybox import greybox
-from drivetool.identify.noise import Noise, filtered, with_torque_noise
-from drivetool.identify.options import Options
-from drivetool.identify.problem import Point
-from drivetool.identify.rates import OF_EVERY_RATE, at_rates, rates_left_out
-from drivetool.identify.setup import roles_of
-from drivetool.identify.steady import steady
-from drivetool.identify.task import Task
-from drivetool.logs.build import build_experiment
-from drivetool.logs.experiment import Channel, Recording, every_part
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.noise.noise import Noise, filtered, with_torque_noise
+from drivetool.identify.problem.problem import Point
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.rates import OF_EVERY_RATE, at_rates, rates_left_out
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.identify.steady.estimator import steady
+from drivetool.logs import Channel, Recording, every_part
+from drivetool.logs.door.build import build_experiment
 from tests.recover import resonance
 from tests.simulator.experiments import multisine, staircase
 from tests.simulator.fast import PI, simulate_fast

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.backlash import backlash
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.backlash.estimator import backlash
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.recover import drive_like, gap_record, joint_error, linear_record, reversing_record, truth
 from tests.simulator.machine import machine_by_seed
 

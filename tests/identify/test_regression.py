@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.explanations.influence import SLACK, sandwich
-from drivetool.identify.explanations.laws import library
-from drivetool.identify.explanations.regression import regress, regressable
-from drivetool.identify.inverse_dynamics.linear import BLOCKS, Rows, change_of, influence_of, inverse_of
-from drivetool.identify.inverse_dynamics.motion import motions_of
+from drivetool.identify.laws.influence import SLACK, sandwich
+from drivetool.identify.laws.laws import library
+from drivetool.identify.laws.regression import regress, regressable
+from drivetool.identify.motion.linear import BLOCKS, Rows, change_of, influence_of, inverse_of
+from drivetool.identify.motion.motion import motions_of
 from tests.identify.swing import STEP, TRUTH, record, swing, task_of, torque_for
 from tests.recover import experiment
 

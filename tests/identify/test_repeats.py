@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
-from drivetool.identify.estimate import Covariance, Parameter
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recordings.repeats import Repeats, Told, repeats_of, tells, with_scatter
-from drivetool.identify.recordings.scatter import half_width, heterogeneity, restricted
-from drivetool.identify.results import Z95
+from drivetool.drive import one_body
+from drivetool.identify.estimate.estimate import Covariance, Parameter
+from drivetool.identify.estimate.results import Z95
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.outcome.repeats import Repeats, Told, repeats_of, tells, with_scatter
+from drivetool.identify.outcome.scatter import half_width, heterogeneity, restricted
+from drivetool.identify.setup.options import Options
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 from tests.identify.loop import MACHINES, loop_record
 

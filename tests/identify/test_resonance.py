@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.identify.engine import Task, by_innovations
-from drivetool.identify.innovations import fit_innovations
-from drivetool.identify.setup import first_point, roles_of
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.noise.innovations import fit_innovations
+from drivetool.identify.setup.setup import first_point, roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import STEP, drive_like, experiment, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running

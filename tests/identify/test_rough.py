@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.channel_doubt import doubted_channels
-from drivetool.identify.rough import balanced
-from drivetool.identify.setup import roles_of
-from drivetool.identify.task import Task
+from drivetool.drive import two_mass
+from drivetool.identify.channels.channel_doubt import doubted_channels
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
+from drivetool.identify.starts.rough import balanced
 from tests.recover import STEP, experiment
 
 # In kg m^2: motor 2, load 1, and 12 kg that the load carries at 0.5 m.

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.errors import BadRecording
 from drivetool.identify.coast_down.estimator import flux_decay
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
-from drivetool.identify.supply import as_stator_voltages
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.supply import as_stator_voltages
+from drivetool.identify.steady.estimator import steady
 from tests.coasting import Motor
 from tests.induction import ELECTRICAL, Machine, run_up, switched
 

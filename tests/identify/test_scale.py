@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.frequency_fit import problem_of as lines_of
-from drivetool.identify.frf import Response
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.frequency.frequency_fit import problem_of as lines_of
+from drivetool.identify.frequency.frf import Response
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.identify.swing import TRUTH, record, swing, task_of
 
 PER_SPEED = {"motor.inertia", "motor.viscous"}

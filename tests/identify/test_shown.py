@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
 from tests.recover import STEP, drive_like, experiment, resonance, truth
 from tests.simulator.experiments import multisine, steps
 from tests.simulator.machine import machine_by_seed, running

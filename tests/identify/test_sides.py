@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.identify.compose import contradicted
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
+from drivetool.drive import two_mass
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.outcome.composition import contradicted
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
 from tests.light_rigs import TABLE, idle_at_motor, steady_record, steps_record
 from tests.study.study_shaft_torque import opened, truth_of
 

@@ -4,15 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import signal
 
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
-from drivetool.identify.feedback import feedback_of
-from drivetool.identify.frf import Welch, welch_response
-from drivetool.identify.periodic import distortions, lines_of, period_of, periodic_response
-from drivetool.identify.spectra import SpectraOptions, spectra
+from drivetool.identify.channels.feedback import feedback_of
+from drivetool.identify.frequency.estimator import SpectraOptions, spectra
+from drivetool.identify.frequency.frf import Welch, welch_response
+from drivetool.identify.frequency.periodic import distortions, lines_of, period_of, periodic_response
 from tests.recover import experiment
 
 STEP = 1e-3

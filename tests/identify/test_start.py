@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, three_mass, two_mass
+from drivetool.drive import one_body, two_mass
+from drivetool.drive.chain import three_mass
 from drivetool.errors import BadOption
-from drivetool.identify.backlash import backlash
-from drivetool.identify.cooling import observers, sides
-from drivetool.identify.greybox import greybox
-from drivetool.identify.noise import Noise
-from drivetool.identify.options import Options
-from drivetool.identify.setup import EVERY, Roles, first_point, measured_states, roles_of, traces_of
-from drivetool.identify.start import Start, known_states
-from drivetool.identify.task import Task
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.backlash.estimator import backlash
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.noise.noise import Noise
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import EVERY, Roles, first_point, measured_states, roles_of, traces_of
+from drivetool.identify.setup.start import Start, known_states
+from drivetool.identify.setup.task import Task
+from drivetool.identify.starts.cooling import observers, sides
+from drivetool.logs import Experiment
 from tests.recover import STEP, drive_like, experiment, joint_error, truth
 from tests.simulator.experiments import alternating, multisine
 from tests.simulator.machine import Machine, State, at_rest, running

@@ -8,12 +8,12 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from drivetool.drive.chain import one_body, two_mass
+from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
-from drivetool.identify.options import Options
-from drivetool.identify.steady import steady
-from drivetool.identify.steady_speeds.points import mean_variances
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.plateaus.points import mean_variances
+from drivetool.identify.setup.options import Options
+from drivetool.identify.steady.estimator import steady
+from drivetool.logs import Experiment
 
 STEP, INERTIA = 2e-3, 2.0
 VISCOUS, IDLE, COULOMB = 0.05, 3.0, 1.5

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.signal import lfilter
 
-from drivetool.identify.steady_speeds.state import L1, block_means, is_steady, ratio_statistic, steady_intervals
+from drivetool.identify.plateaus.state import L1, block_means, is_steady, ratio_statistic, steady_intervals
 
 
 @settings(max_examples=40)

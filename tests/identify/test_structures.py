@@ -2,22 +2,21 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import signal
 from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
-from drivetool.drive.chain import one_body, three_mass, two_mass
-from drivetool.drive.linearise import resonances
+from drivetool.drive import one_body, resonances, two_mass
+from drivetool.drive.chain import three_mass
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.cauer import chain_of
-from drivetool.identify.options import Options
-from drivetool.identify.pem_figures import figures_of
-from drivetool.identify.pem_fit import fit_structure
-from drivetool.identify.pem_model import KINDS, Prediction, Stretch, Structure
-from drivetool.identify.structures import structured
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.polynomial.cauer import chain_of
+from drivetool.identify.polynomial.pem_figures import figures_of
+from drivetool.identify.polynomial.pem_fit import fit_structure
+from drivetool.identify.polynomial.pem_model import KINDS, Prediction, Stretch, Structure
+from drivetool.identify.polynomial.structures import structured
+from drivetool.identify.setup.options import Options
 from tests.recover import experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.linear import equations

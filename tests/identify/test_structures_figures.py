@@ -7,14 +7,14 @@ import pytest
 from scipy import signal
 from scipy.optimize import minimize_scalar
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.errors import NotEnoughData
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.pem_fit import fit_structure
-from drivetool.identify.pem_model import KINDS, Stretch, Structure
-from drivetool.identify.spectra import SpectraOptions, spectra
-from drivetool.identify.structures import structured
+from drivetool.identify.frequency.estimator import SpectraOptions, spectra
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.polynomial.pem_fit import fit_structure
+from drivetool.identify.polynomial.pem_model import KINDS, Stretch, Structure
+from drivetool.identify.polynomial.structures import structured
+from drivetool.identify.setup.options import Options
 from tests.recover import STEP, experiment
 from tests.simulator.experiments import multisine
 from tests.simulator.machine import Machine

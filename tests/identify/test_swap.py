@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from drivetool.drive.chain import Drive, two_mass
-from drivetool.drive.linearise import frequency_response, resonances
-from drivetool.identify.estimate import Covariance
-from drivetool.identify.recordings import both_sides
-from drivetool.identify.recordings.both_sides import Figure, Side, counterpart
-from drivetool.identify.recordings.swap import swap
+from drivetool.drive import Drive, resonances, two_mass
+from drivetool.drive.linearise import frequency_response
+from drivetool.identify.estimate.estimate import Covariance
+from drivetool.identify.several import both_sides
+from drivetool.identify.several.both_motors import swap
+from drivetool.identify.several.both_sides import Figure, Side, counterpart
 
 CHAIN = Drive("custom", ("motor", "gear", "arm"), ("shaft", "shaft2"))
 VALUES = {"motor.inertia": 0.02, "gear.inertia": 0.5, "arm.inertia": 3.0, "motor.viscous": 0.01,

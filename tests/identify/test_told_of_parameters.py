@@ -5,19 +5,19 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.errors import Finding
-from drivetool.identify.compose import compose
-from drivetool.identify.engine import by_innovations
-from drivetool.identify.estimate import Estimate, Parameter
-from drivetool.identify.options import Options
-from drivetool.identify.results import parameters_of, without_untold
-from drivetool.identify.setup import roles_of
-from drivetool.identify.shown import not_of_shaft
-from drivetool.identify.steady_speeds.acceleration import in_the_drive, rigid_of
-from drivetool.identify.task import Task
-from drivetool.identify.told_together import without_sizes
-from drivetool.identify.uncrossed import from_below
+from drivetool.identify.acceleration.estimator import in_the_drive, rigid_of
+from drivetool.identify.estimate.estimate import Estimate, Parameter
+from drivetool.identify.estimate.results import parameters_of, without_untold
+from drivetool.identify.fit.engine import by_innovations
+from drivetool.identify.identifiability.joint_identifiability import without_sizes
+from drivetool.identify.identifiability.shown import not_of_shaft
+from drivetool.identify.identifiability.uncrossed import from_below
+from drivetool.identify.outcome.composition import compose
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import roles_of
+from drivetool.identify.setup.task import Task
 from tests.recover import drive_like, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 

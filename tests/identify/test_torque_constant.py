@@ -5,18 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
-from drivetool.drive.chain import Drive, one_body, two_mass
+from drivetool.drive import Drive, Layout, one_body, two_mass
 from drivetool.drive.linearise import frequency_response
-from drivetool.drive.simulate import Trace
+from drivetool.drive.simulation import Trace, plant_of
 from drivetool.errors import BadOption, BadParameters, BadRecording
-from drivetool.identify.backlash import backlash
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recordings.by_record import as_recorded
-from drivetool.identify.setup import Roles, roles_of
-from drivetool.identify.torque_constant import as_torques, check_scale, for_models
+from drivetool.identify.backlash.estimator import backlash
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.by_record import as_recorded
+from drivetool.identify.setup.options import Options
+from drivetool.identify.setup.setup import Roles, roles_of
+from drivetool.identify.setup.torque_constant import as_torques, check_scale, for_models
 from tests.identify.swing import TRUTH, record, swing
 from tests.recover import STEP, drive_like, experiment, resonance, truth
 from tests.simulator.experiments import multisine, steps

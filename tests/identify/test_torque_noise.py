@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from drivetool.drive.assemble import Layout
-from drivetool.drive.augment import plant_of
-from drivetool.drive.chain import one_body
-from drivetool.drive.simulate import Trace
-from drivetool.identify.noise import Noise, with_torque_noise
+from drivetool.drive import Layout, one_body
+from drivetool.drive.simulation import Trace, plant_of
+from drivetool.identify.noise.noise import Noise, with_torque_noise
 from tests.recover import STEP
 
 RATIO, SENSOR, INERTIA = 3.0, 0.5, 2.0

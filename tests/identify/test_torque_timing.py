@@ -5,19 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify import recorded_timing
-from drivetool.identify import torque_timing as module
-from drivetool.identify.backlash import backlash
-from drivetool.identify.blackbox import blackbox
-from drivetool.identify.compare import CompareOptions, compare
-from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recorded_timing import looked_at
-from drivetool.identify.torque_timing import torque_timing
-from drivetool.logs.build import build_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.experiment import Channel, Experiment, Recording
+from drivetool.check.faults import looked_at, recorded_timing
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.backlash.estimator import backlash
+from drivetool.identify.blackbox.estimator import blackbox
+from drivetool.identify.channels import late_torque as module
+from drivetool.identify.channels.late_torque import torque_timing
+from drivetool.identify.greybox.estimator import greybox
+from drivetool.identify.setup.options import Options
+from drivetool.identify.several.comparison import CompareOptions, compare
+from drivetool.logs import Channel, Experiment, Recording
+from drivetool.logs.channels import SCHEMA, ChannelMap
+from drivetool.logs.door.build import build_experiment
 from tests.recover import drive_like, gap_record, linear_record, truth
 from tests.simulator.machine import machine_by_seed
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drivetool.errors import BadRecording, NotEnoughData
-from drivetool.logs.build import build_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import build_experiment
 from drivetool.logs.experiment import Channel, Recording
 
 N, STEP = 300, 0.001

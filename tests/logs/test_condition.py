@@ -2,21 +2,20 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from scipy.signal import lfilter
 
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.logs.build import build_experiment, open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.identify.setup import Options
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
 from drivetool.logs.clocks.rate import average, low_passed
-from drivetool.logs.condition import condition, parse_step
+from drivetool.logs.conditioning.steps import condition, parse_step
+from drivetool.logs.door.build import build_experiment, open_experiment
 from drivetool.logs.experiment import Channel, Experiment, Recording
+from drivetool.logs.samples.not_measured import measured
 from drivetool.logs.samples.spikes import despiked, held, quantum
-from drivetool.logs.samples.unmeasured import measured
 from drivetool.logs.samples.wrap import looks_wrapped, unwrap
 from tests.logs.test_parquet import wide
 

@@ -7,8 +7,8 @@ import pytest
 from mcap.writer import CompressionType
 
 from drivetool.errors import BadRecording, DriveToolError
-from drivetool.logs.inspect import inspect_log
-from drivetool.logs.read import read_recording
+from drivetool.logs.door.inspect import inspect_log
+from drivetool.logs.formats.read import read_recording
 from tests import encodings
 from tests.logs.test_parquet import write_groups, write_long
 

@@ -166,7 +166,7 @@ FINE = {
 
 @pytest.mark.parametrize("case", FINE)
 def test_the_same_as_the_plain_table(folder, case):
-    from drivetool.logs.build import open_experiment
+    from drivetool.logs.door.build import open_experiment
 
     parquet(path="plain.parquet")
     FINE[case]()
@@ -178,7 +178,7 @@ def test_the_same_as_the_plain_table(folder, case):
 
 
 def test_single_precision_is_used_as_it_is(folder):
-    from drivetool.logs.build import open_experiment
+    from drivetool.logs.door.build import open_experiment
 
     parquet([("time", TIME.astype(np.float32)), ("motor_speed", SPEED.astype(np.float32))])
     found = open_experiment("a.parquet")
@@ -187,8 +187,8 @@ def test_single_precision_is_used_as_it_is(folder):
 
 
 def test_numbers_too_large_for_a_float_are_missing(folder):
-    from drivetool.files.channel_map_file import load_channel_map
-    from drivetool.logs.build import open_experiment
+    from drivetool.files.yaml import load_channel_map
+    from drivetool.logs.door.build import open_experiment
 
     mcap(texts(lambda k: "1" + "0" * 400 if k == 7 else json.dumps(TORQUE.tolist()[k])))
     found = open_experiment("a.mcap", load_channel_map("map.yaml"))

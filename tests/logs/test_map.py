@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from drivetool.errors import BadOption, BadRecording
-from drivetool.logs.channel_map import SCHEMA, ChannelMap, ChannelMapFile, choose_channels, resolve
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap, ChannelMapFile, choose_channels, resolve
 from drivetool.logs.roles import ROLES, role_of
 
 

@@ -5,22 +5,22 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap.writer import CompressionType
 
 from drivetool.errors import BadRecording
-from drivetool.logs import field_path
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.mcap import layout, source
-from drivetool.logs.mcap.collector import Collector
-from drivetool.logs.mcap.container import walk
-from drivetool.logs.mcap.places import Places
-from drivetool.logs.mcap.ros import cdr_walk
-from drivetool.logs.mcap.source import Source
-from drivetool.logs.mcap.topics import open_topic
-from drivetool.logs.read import read_recording
+from drivetool.logs.channels import field_path
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import open_experiment
+from drivetool.logs.formats.mcap.collector import Collector
+from drivetool.logs.formats.mcap.container import source
+from drivetool.logs.formats.mcap.container.places import Places
+from drivetool.logs.formats.mcap.container.records import walk
+from drivetool.logs.formats.mcap.container.source import Source
+from drivetool.logs.formats.mcap.decoders import layout
+from drivetool.logs.formats.mcap.decoders.ros import cdr_walk
+from drivetool.logs.formats.mcap.decoders.topics import open_topic
+from drivetool.logs.formats.read import read_recording
 from tests import encodings
 from tests.mcap_bytes import Log, build
 

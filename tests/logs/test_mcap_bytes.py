@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from drivetool.errors import BadRecording
-from drivetool.logs.read import read_recording
+from drivetool.logs.formats.read import read_recording
 from tests.mcap_bytes import CHUNK, MAGIC, Log, build
 
 START, STEP, CHUNKS, EACH = 1_700_000_000_000_000_000, 1_000_000, 5, 12

@@ -8,11 +8,11 @@ import pytest
 from mcap.writer import Writer
 
 from drivetool.errors import BadRecording
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.inspect import inspect_log
-from drivetool.logs.mcap import source
-from drivetool.logs.read import read_recording
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import open_experiment
+from drivetool.logs.door.inspect import inspect_log
+from drivetool.logs.formats.mcap.container import source
+from drivetool.logs.formats.read import read_recording
 
 START, STEP, N = 1_700_000_000_000_000_000, 1_000_000, 120
 SPEED, TORQUE = np.arange(N) / 8, 1 - np.arange(N) / 4

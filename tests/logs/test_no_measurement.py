@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivetool.logs.build import build_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import build_experiment
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.samples import unmeasured as module
-from drivetool.logs.samples.unmeasured import measured
+from drivetool.logs.samples import not_measured as module
+from drivetool.logs.samples.not_measured import measured
 
 N, STEP = 6000, 1e-3
 TIME = np.arange(N) * STEP

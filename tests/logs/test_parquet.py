@@ -6,9 +6,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivetool.errors import BadRecording
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.read import read_recording
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import open_experiment
+from drivetool.logs.formats.read import read_recording
 
 N, STEP = 400, 0.0004
 NAMES = {"motor_torque": "Nm", "motor_speed": "rad/s", "load_angle": "rad"}

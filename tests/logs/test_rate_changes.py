@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivetool.errors import NotEnoughData
-from drivetool.logs.build import build_experiment
 from drivetool.logs.clocks.rate_changes import rates
-from drivetool.logs.condition import condition, parse_step
+from drivetool.logs.conditioning.steps import condition, parse_step
+from drivetool.logs.door.build import build_experiment
 from drivetool.logs.experiment import Channel, Recording, every_part, no_copies, sources
 
 STEP = 1e-3

@@ -11,9 +11,9 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from drivetool.errors import BadOption, BadRecording, NotEnoughData
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.read import read_recording
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import open_experiment
+from drivetool.logs.formats.read import read_recording
 
 N, STEP_NS = 400, 400_000
 
@@ -236,7 +236,7 @@ BAD = {
 
 def test_a_parquet_log_does_not_import_what_reads_mcap(tmp_path):
     write_parquet(tmp_path / "a.parquet", data())
-    code = ("import sys; from drivetool.logs.build import open_experiment; "
+    code = ("import sys; from drivetool.logs.door.build import open_experiment; "
             "open_experiment(sys.argv[1]); print(*{m.partition('.')[0] for m in sys.modules})")
     done = subprocess.run([sys.executable, "-c", code, tmp_path / "a.parquet"], capture_output=True, text=True)
     loaded = set(done.stdout.split())

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfilt
 
-from drivetool.logs.build import open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.door.build import open_experiment
 from drivetool.logs.samples.speed_check import compare_speed_and_angle, differentiate
 
 N, STEP = 20_000, 1e-3

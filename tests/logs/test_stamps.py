@@ -6,19 +6,18 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mcap.writer import Writer
 
-from drivetool.drive.chain import one_body
+from drivetool.drive import one_body
 from drivetool.errors import BadOption, BadRecording, DriveToolError
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.logs.build import build_experiment, open_experiment
-from drivetool.logs.channel_map import SCHEMA, ChannelMap
-from drivetool.logs.clocks.batches import batches
+from drivetool.identify.setup import Options
+from drivetool.logs.channels.channel_map import SCHEMA, ChannelMap
+from drivetool.logs.channels.time_numbers import SLOWEST
+from drivetool.logs.clocks.batched_times import batches
 from drivetool.logs.clocks.coarse_clock import restored
-from drivetool.logs.clocks.time_numbers import SLOWEST
+from drivetool.logs.door.build import build_experiment, open_experiment
 from drivetool.logs.experiment import Channel, Recording
 from tests.logs.test_readers import write_mcap
 

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from drivetool.errors import BadRecording
-from drivetool.logs.summary import COLUMNS, Row, read_summary
+from drivetool.logs.formats.summary import COLUMNS, Row, read_summary
 from tests.summaries import table_of, write_summary
 
 ROWS = [Row("a/1.mcap", "a", 1772323200.25, 0, "steady", "motor.viscous", 0.4, "Nm s/rad", 0.01, "fitted", "x"),

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from drivetool.errors import BadRecording, NotEnoughData
-from drivetool.logs.build import MIN_SAMPLES, MIN_SEGMENT, build_experiment
-from drivetool.logs.clocks import batches, clean_clock, coarse_clock
-from drivetool.logs.clocks.batches import batches as batches_of
-from drivetool.logs.clocks.clean_clock import clean_clock as cleaned
+from drivetool.logs.clocks import batched_times as batches, clean_stamps as clean_clock, coarse_clock
+from drivetool.logs.clocks.batched_times import batches as batches_of
+from drivetool.logs.clocks.clean_stamps import clean_clock as cleaned
 from drivetool.logs.clocks.coarse_clock import restored
+from drivetool.logs.door.build import MIN_SAMPLES, MIN_SEGMENT, build_experiment
 from drivetool.logs.experiment import Channel, Recording
-from drivetool.logs.samples import speed_check, unmeasured
+from drivetool.logs.samples import not_measured as unmeasured, speed_check
 
 N, STEP = 4000, 1e-3
 LESS, MORE = 0.71, 1.41  # shares of a bound

@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from drivetool.errors import BadOption, BadRecording
 from drivetool.logs.units import TABLE, parse_unit, units_for

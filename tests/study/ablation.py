@@ -14,8 +14,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from drivetool.check.diagnosis import Facts
-from drivetool.check.report.rules import RULES, Rule, judged
+from drivetool.check.outcome import Facts
+from drivetool.check.verdict import RULES, judged
+from drivetool.check.verdict.rules import Rule
 from tests.hidden.command import Answer, grade
 from tests.study.shared.rows import rows
 from tests.study.study_names import given

@@ -12,9 +12,9 @@ import sys
 
 import numpy as np
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.identify.blackbox import blackbox
-from drivetool.identify.options import Options
+from drivetool.identify.setup import Options
 from tests.light_rigs import HEAVY, TABLE, steps_record
 from tests.study.study_shaft_torque import opened, truth_of
 

@@ -13,12 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.validation.result import ValidateOptions
-from drivetool.check.validation.validate_run_down import Model, validate_run_down
-from drivetool.drive.chain import one_body
-from drivetool.identify.options import Options
+from drivetool.check.validation import Model, ValidateOptions, validate_run_down
+from drivetool.drive import one_body
+from drivetool.identify.setup import Options, as_stator_voltages
 from drivetool.identify.steady import steady
-from drivetool.identify.supply import as_stator_voltages
 from tests.coasting import RPM, Motor, counts, driven_then_off, motion, recording
 from tests.induction import ELECTRICAL, Machine, switched
 from tests.simulator.induction import up_and_down

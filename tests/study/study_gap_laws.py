@@ -19,14 +19,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.identify.backlash import backlash
-from drivetool.identify.engine import Task
 from drivetool.identify.estimate import Estimate
-from drivetool.identify.innovations import fit_innovations
-from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood
-from drivetool.identify.options import Options
-from drivetool.identify.setup import Roles, first_point
+from drivetool.identify.noise import Noise, filtered, fit_innovations, fit_ratio, minus_log_likelihood
+from drivetool.identify.setup import Options, Roles, Task, first_point
 from tests.light_rigs import STEP, Sensors, channels, rig_of
 from tests.simulator import experiments
 from tests.simulator.machine import Machine, running

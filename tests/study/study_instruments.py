@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from drivetool.identify.estimate import Z95
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.results import Z95
+from drivetool.identify.setup import Options
 from tests.identify.loop import MACHINES, Axis, loop_record
 
 RECORDS = 400

@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
-from drivetool.identify.compare import CompareOptions, figures_in, model_of
-from drivetool.identify.recordings.differences import between_machines
-from drivetool.logs.experiment import Experiment
+from drivetool.drive import Drive
+from drivetool.identify.several import CompareOptions
+from drivetool.identify.several.comparison import figures_in, model_of
+from drivetool.identify.several.differences import between_machines
+from drivetool.logs import Experiment
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 
 STRUCTURE = "physical-innovations"

@@ -18,8 +18,7 @@ import pytest
 
 from tests.study.missing_laws import kernel
 from tests.study.missing_laws.estimators import start_values
-from tests.study.missing_laws.laws import LAWS, Law
-from tests.study.missing_laws.laws import SIZES as SHARES
+from tests.study.missing_laws.laws import LAWS, SIZES as SHARES, Law
 from tests.study.missing_laws.record import RIGHT, Setup, arrange, draw, moving, prepare, simulate
 from tests.study.shared import options, rows
 from tests.study.shared.command import write

@@ -24,12 +24,12 @@ from subprocess import CompletedProcess
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import one_body, two_mass
-from drivetool.identify.engine import Outcome, Task, by_innovations, coloured
+from drivetool.drive import one_body, two_mass
+from drivetool.identify.fit import by_innovations, coloured
 from drivetool.identify.greybox import default_free
 from drivetool.identify.noise import integrated, natural_ratio
-from drivetool.identify.setup import reverses, roles_of
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.setup import Outcome, Task, reverses, roles_of
+from drivetool.logs import Experiment
 from tests.hidden.command import read
 from tests.recover import drive_like, experiment, linear_record
 from tests.simulator.machine import Machine, machine_by_seed

@@ -14,7 +14,7 @@ import sys
 import numpy as np
 
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.setup import Options
 from tests.identify.days import NAMES, days_of, machine_of, start_of
 
 SETS, RECORDINGS, SCATTER = 200, 10, 0.015

@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from drivetool.drive.chain import two_mass
+from drivetool.drive import two_mass
 from drivetool.identify.estimate import Estimate
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
+from drivetool.identify.setup import Options
 from drivetool.identify.steady import steady
-from drivetool.logs.build import open_experiment
+from drivetool.logs.door import open_experiment
 from tests.light_rigs import STEP, rig_of, steady_record, steps_record
 from tests.simulator.machine import Machine
 from tests.simulator.records import Channels, write_parquet

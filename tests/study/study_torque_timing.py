@@ -20,10 +20,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import yaml
 
+from drivetool.check.faults import looked_at
 from drivetool.identify.greybox import greybox
-from drivetool.identify.options import Options
-from drivetool.identify.recorded_timing import looked_at
-from drivetool.logs.build import open_experiment
+from drivetool.identify.setup import Options
+from drivetool.logs.door import open_experiment
 from tests.hidden import CODES, greybox_options, make_case, write_start
 from tests.hidden.command import run
 from tests.recover import drive_like, linear_record

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from drivetool.check.diagnosis import Facts
-from drivetool.check.report.rules import RULES
+from drivetool.check.outcome import Facts
+from drivetool.check.verdict import RULES
 from tests.study.ablation import graded, without_each
 
 CLEAR = Facts(causes=("backlash",), strongest="backlash", gained=300.0, after=0.3, floor=0.02)

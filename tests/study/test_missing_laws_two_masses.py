@@ -13,8 +13,7 @@ from tests.study.missing_laws.machine import Machine as Rigid
 from tests.study.two_masses import kernel
 from tests.study.two_masses.estimators import HALF_GAP, NAMES, fit, start_values
 from tests.study.two_masses.laws import LAWS, MOST, THIRD_MASSES, Placed
-from tests.study.two_masses.machine import NAMES as NUMBERS
-from tests.study.two_masses.machine import Machine, draw_machine
+from tests.study.two_masses.machine import NAMES as NUMBERS, Machine, draw_machine
 from tests.study.two_masses.record import (
     BEHIND_GAP,
     RIGHT,

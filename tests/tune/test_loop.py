@@ -11,21 +11,29 @@ import control
 import numba
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import brentq
 
-from drivetool.drive.chain import Drive, one_body, two_mass, vehicle
-from drivetool.drive.code_folder import folder
+from drivetool.drive import Drive, one_body, two_mass
+from drivetool.drive.chain import vehicle
+from drivetool.drive.compile.code_folder import folder
 from drivetool.errors import BadOption, BadParameters
-from drivetool.tune import response
-from drivetool.tune.criteria import criterion, signals, value, values
-from drivetool.tune.factors import factors
-from drivetool.tune.loop import Settings, Wiring, build, path_response, torque_path
-from drivetool.tune.margins import margins
-from drivetool.tune.search import Limits, allowed, check_finite, lowest_sensitivity, optimum, shapes_of, task
-from drivetool.tune.sensitivity import max_sensitivity, plant
+from drivetool.tune.optimisation.criteria import criterion, signals, value, values
+from drivetool.tune.optimisation.load_step_factors import factors
+from drivetool.tune.optimisation.search import (
+    Limits,
+    allowed,
+    check_finite,
+    lowest_sensitivity,
+    optimum,
+    shapes_of,
+    task,
+)
+from drivetool.tune.speed_loop import response
+from drivetool.tune.speed_loop.loop import Settings, Wiring, build, path_response, torque_path
+from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
+from drivetool.tune.speed_loop.stability_margins import margins
 from tests.simulator import controllers, machine
 from tests.simulator.simulate import simulate
 from tests.tallfors import MOTORS, tandem, two_mass_plant

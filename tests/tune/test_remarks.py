@@ -7,10 +7,10 @@ import pytest
 
 from drivetool.identify.estimate import Covariance
 from drivetool.tune.gains import Design, TuneOptions
-from drivetool.tune.hunting import Cycle, Watch
-from drivetool.tune.loop import Settings, Wiring
+from drivetool.tune.optimisation.scenarios import Spread, draw, joint
 from drivetool.tune.remarks import of_design, uncertainty
-from drivetool.tune.scenarios import Spread, draw, joint
+from drivetool.tune.simulation.hunting import Cycle, Watch
+from drivetool.tune.speed_loop.loop import Settings, Wiring
 from tests.tallfors import two_mass_plant
 
 HEAVY = two_mass_plant("heavy")

@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivetool.drive.chain import two_mass
-from drivetool.drive.linearise import resonances
+from drivetool.drive import resonances, two_mass
 from drivetool.errors import BadOption, BadParameters
 from drivetool.identify.estimate import Covariance
-from drivetool.tune.criteria import criterion, signals
 from drivetool.tune.design import tune, wirings
 from drivetool.tune.gains import TuneOptions
-from drivetool.tune.hunting import safe_gain, watch
-from drivetool.tune.loop import Settings, Wiring, build
-from drivetool.tune.nonlinear import closed_loop, moving, run
-from drivetool.tune.robust import robust_optimum
-from drivetool.tune.scenarios import draw, joint, spread
-from drivetool.tune.search import Limits, optimum, task
-from drivetool.tune.sensitivity import max_sensitivity, plant
-from drivetool.tune.variations import study
+from drivetool.tune.optimisation.criteria import criterion, signals
+from drivetool.tune.optimisation.robust import robust_optimum
+from drivetool.tune.optimisation.scenarios import draw, joint, spread
+from drivetool.tune.optimisation.search import Limits, optimum, task
+from drivetool.tune.optimisation.variations import study
+from drivetool.tune.simulation.hunting import safe_gain, watch
+from drivetool.tune.simulation.nonlinear import closed_loop, moving, run
+from drivetool.tune.speed_loop.loop import Settings, Wiring, build
+from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
 from tests.simulator import controllers, machine
 from tests.simulator.simulate import simulate
 from tests.tallfors import MOTORS, tandem, two_mass_plant

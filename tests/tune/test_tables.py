@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from drivetool.tune.criteria import criterion, value
-from drivetool.tune.factors import factors
-from drivetool.tune.loop import Settings, Wiring, build
-from drivetool.tune.search import Limits, optimum, task
-from drivetool.tune.sensitivity import max_sensitivity, plant
+from drivetool.tune.optimisation.criteria import criterion, value
+from drivetool.tune.optimisation.load_step_factors import factors
+from drivetool.tune.optimisation.search import Limits, optimum, task
+from drivetool.tune.speed_loop.loop import Settings, Wiring, build
+from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
 from tests.tallfors import MOTORS, SPEED, TABLE_3_2, TABLES_4, TORQUE, tandem, two_mass_plant
 
 PRINTED = "zero"  # the dead time as the thesis has it

@@ -10,23 +10,23 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from drivetool.drive.chain import Drive, one_body, two_mass
+from drivetool.drive import Drive, one_body, two_mass
 from drivetool.drive.effects import EFFECTS
 from drivetool.errors import BadParameters
-from drivetool.logs.experiment import Experiment
-from drivetool.tune import working_point
-from drivetool.tune.criteria import criterion, signals
+from drivetool.logs import Experiment
 from drivetool.tune.design import tune
 from drivetool.tune.gains import TuneOptions
-from drivetool.tune.loop import Settings, Wiring, build
-from drivetool.tune.margins import margins
-from drivetool.tune.nonlinear import closed_loop, moving, run
+from drivetool.tune.optimisation.criteria import criterion, signals
+from drivetool.tune.optimisation.scenarios import draw, joint, spread
+from drivetool.tune.optimisation.search import Limits, check_finite, task
 from drivetool.tune.remarks import of_loop
-from drivetool.tune.replay import replay_load_step
-from drivetool.tune.scenarios import draw, joint, spread
-from drivetool.tune.search import Limits, check_finite, task
-from drivetool.tune.sensitivity import max_sensitivity, plant
-from drivetool.tune.working_point import LEFT_OUT, LINEAR, SIMULATED, TANGENT, at_working_point, left_out
+from drivetool.tune.simulation.nonlinear import closed_loop, moving, run
+from drivetool.tune.simulation.replay import replay_load_step
+from drivetool.tune.speed_loop import working_point
+from drivetool.tune.speed_loop.loop import Settings, Wiring, build
+from drivetool.tune.speed_loop.sensitivity import max_sensitivity, plant
+from drivetool.tune.speed_loop.stability_margins import margins
+from drivetool.tune.speed_loop.working_point import LEFT_OUT, LINEAR, SIMULATED, TANGENT, at_working_point, left_out
 
 W = np.geomspace(0.3, 900.0, 60)
 RIGID = one_body().with_values({

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Bounds, Start
-from drivetool.check.causes.starts import largest_torque, motion, on_any_body
+from drivetool.check.starts import Bounds, Start, largest_torque, motion, on_any_body
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Model
+    from drivetool.identify.setup import Task
 
 
 def _starts(base: Model) -> list[Start]:

@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, new_values, present, torque_size, travel, turns
+from drivetool.check.starts import Start, added, new_values, present, torque_size, travel, turns
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Masks, Model
+    from drivetool.check.fit import Masks, Model
 
 PARTS = (0.25, 0.5, 0.75)  # of the twist of a shaft without a gap, that may be a gap
 AMPLITUDE = 1.4  # of a torque over its spread
@@ -19,7 +18,7 @@ HARDLY = 0.01  # of the twist that the torque makes: a gap of which there is har
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.fit.scan import half_gaps
+    from drivetool.check.starts import half_gaps
 
     found = []
     for shaft in base.task.drive.shafts:
@@ -56,7 +55,7 @@ def _hardly_open(base: Model) -> Start:
 
 
 def _ends(base: Model, masks: Masks) -> Sequence[Model]:
-    from drivetool.check.report.rattle import rattles
+    from drivetool.check.starts import rattles
 
     return [replace(m, code="backlash") for m in rattles(base, masks)]
 

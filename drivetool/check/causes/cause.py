@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from drivetool.check.causes.start import Bounds, Start
+from drivetool.check.starts import Bounds, Start
 
 if TYPE_CHECKING:
-    from drivetool.check.diagnosis import State
-    from drivetool.check.fit.model import Masks, Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Masks, Model
+    from drivetool.check.outcome import State
+    from drivetool.identify.setup import Task
 
 
 @dataclass(frozen=True)

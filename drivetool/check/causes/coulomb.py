@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, bodies_without, motion, torque_size
+from drivetool.check.starts import Start, added, bodies_without, motion, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
 
 SMALL, SOME = 1e-6, 0.03  # of the torque's spread, to start from
 TYPICAL = 0.7  # of the fastest speed of a motion to and fro, its root mean square

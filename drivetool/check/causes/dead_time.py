@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import LATE, added, hardly_late, likeliest, present
+from drivetool.check.starts import LATE, Start, added, hardly_late, likeliest, present
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
 
 NAME = "converter.dead_time"
 

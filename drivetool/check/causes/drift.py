@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Bounds, Start
-from drivetool.check.causes.starts import added, motion, outer_bodies, present, torque_size
+from drivetool.check.starts import Bounds, Start, added, motion, outer_bodies, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Model
+    from drivetool.identify.setup import Task
 
 SMALL = 1e-6  # of the torque's spread, to start from
 WARM = (0.15, 0.4, 1.0)  # time constants to start from, over the length of the record

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, present
+from drivetool.check.starts import Start, added, present
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
 
 
 def _starts(base: Model) -> list[Start]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, present, torque_size
+from drivetool.check.starts import Start, added, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
 
 POWERS = (2.0, 1.0)  # of the twist, to start from
 

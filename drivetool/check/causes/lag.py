@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, hardly_late, no_faster, of_lag, present, traceless
+from drivetool.check.starts import Start, added, hardly_late, no_faster, of_lag, present, traceless
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Masks, Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Masks, Model
+    from drivetool.identify.setup import Task
 
 ORDERS = (1.0, 2.0)
 SHAPED = 4.0  # log likelihood that the damping of a lag must bring to be fitted

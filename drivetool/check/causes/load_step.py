@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, present
-from drivetool.drive.effects.load_step import RECORDS, STEPS, TIMES, TORQUES
+from drivetool.check.starts import Start, added, present
+from drivetool.drive.effects import RECORDS, STEPS, TIMES, TORQUES
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Masks, Model
+    from drivetool.check.fit import Masks, Model
 
 ENOUGH = 15.0  # log likelihood that a further step must bring
 AMONG = 5.0  # standard deviations that it must have: chance makes four and a half at the best of so many instants
@@ -30,7 +29,7 @@ def with_steps(base: Model, instants: Sequence[tuple[float, int]]) -> Start:
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.fit.instants import load_steps
+    from drivetool.check.starts import load_steps
 
     if present(base, f"{base.task.drive.bodies[-1]}.step_torque"):
         return []
@@ -39,7 +38,7 @@ def _starts(base: Model) -> list[Start]:
 
 def _at_an_end(model: Model, _: Model) -> str:
     """Whether it sets in so near to an end of every stretch that nothing tells it from a sample gone wrong."""
-    from drivetool.check.fit.instants import EARLY
+    from drivetool.check.starts import EARLY
 
     times = [v for n, v in zip(model.task.free, model.point.values, strict=True) if n.endswith(TIMES)]
     inside = all(any(t.origin + EARLY <= time <= t.origin + t.size * t.step - EARLY for t in model.problem.traces)
@@ -52,7 +51,7 @@ def _without_trifles(model: Model, base: Model, masks: Masks, _: Callable) -> Mo
 
     Beside the largest each must stand out from what chance makes at the best of many instants.
     """
-    from drivetool.check.search.reduce import TOLD, values_of, without_them
+    from drivetool.check.fit import TOLD, values_of, without_them
 
     sizes = {p.name: abs(p.value / p.std) for p in values_of(model, base) if p.std and p.name.endswith(TORQUES)}
     largest = max(sizes, key=lambda n: sizes[n], default=None)
@@ -69,8 +68,8 @@ def _with_another(model: Model, masks: Masks, most_promising: Callable) -> Model
     Beside a base that takes them all for noise of the torque only the largest is seen: under the noise that is left
     once it is known the others are.
     """
-    from drivetool.check.fit.instants import load_steps
-    from drivetool.check.fit.model import BROKEN, fit
+    from drivetool.check.fit import BROKEN, fit
+    from drivetool.check.starts import load_steps
 
     if sum(n.endswith(TORQUES) for n in model.task.free) == len(STEPS):
         return None
@@ -85,7 +84,7 @@ def _with_another(model: Model, masks: Masks, most_promising: Callable) -> Model
 
 def _in_order(model: Model) -> Model:
     """The model with its steps numbered as they come."""
-    from drivetool.check.fit.structure import carried
+    from drivetool.check.fit import carried
     from drivetool.identify.setup import problem_of
 
     task = model.fitted

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, new_values, present, travel
-from drivetool.drive.effects.ripple import KINDS, RIPPLES
+from drivetool.check.starts import Start, added, new_values, present, travel
+from drivetool.drive.effects import KINDS, RIPPLES
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Masks, Model
+    from drivetool.check.fit import Masks, Model
 
 CHANCE = 1e-3  # share of records without a further order in which one may be taken for it
 NEAR = 0.02  # relative difference below which two orders are one that beats
@@ -21,7 +20,7 @@ ORDER = ".ripple_order"
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.fit.scan import likely_orders
+    from drivetool.check.starts import likely_orders
 
     body = base.task.drive.bodies[0]
     if any(present(base, f"{body}.ripple_{kind}") for kind in ("sine", "cosine")):
@@ -43,9 +42,8 @@ def _unrepeated(model: Model, base: Model) -> str:
 
 def _with_another_order(model: Model, masks: Masks, most_promising: Callable) -> Model | None:
     """Cogging, slots and screws seldom leave one order alone."""
-    from drivetool.check.chance import TRIFLE, unlikely
-    from drivetool.check.fit.model import BROKEN, fit
-    from drivetool.check.fit.scan import likely_orders
+    from drivetool.check.fit import BROKEN, TRIFLE, fit, unlikely
+    from drivetool.check.starts import likely_orders
 
     body, values = model.task.drive.bodies[0], model.fitted.drive.values
     unused = [r for r in RIPPLES if not present(model, f"{body}.{r}_sine")]

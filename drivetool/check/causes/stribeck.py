@@ -8,12 +8,11 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Bounds, Start
-from drivetool.check.causes.starts import added, bodies_without, motion, new_values, present, torque_size
+from drivetool.check.starts import Bounds, Start, added, bodies_without, motion, new_values, present, torque_size
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Masks, Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Masks, Model
+    from drivetool.identify.setup import Task
 
 SMALL = 1e-6  # of the torque's spread, to start from
 SIZES = ("stribeck", "stribeck_speed", "stribeck_power")
@@ -45,7 +44,7 @@ def _shaped(model: Model, base: Model, masks: Masks, refitted: Callable) -> Mode
     Measured curves fade as exponentials or bells, or by powers between and beyond (Armstrong-Helouvry 1991, chapter
     4). A curve of another power leaves a rest that a drag, a gap or friction at the other end would make up for.
     """
-    from drivetool.check.fit.model import BROKEN, FIRST
+    from drivetool.check.fit import BROKEN, FIRST
 
     names = [f"{n.removesuffix('.stribeck')}.stribeck_power" for n, _ in new_values(model, base, ".stribeck")]
     names = [n for n in names if n not in model.task.free]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Bounds, Start
+from drivetool.check.starts import Bounds, Start
 
 if TYPE_CHECKING:
-    from drivetool.check.diagnosis import State
-    from drivetool.check.fit.model import Model
-    from drivetool.identify.engine import Task
+    from drivetool.check.fit import Model
+    from drivetool.check.outcome import State
+    from drivetool.identify.setup import Task
 
 QUIETER = 0.1  # torque noise under which a third mass is also looked for, over the base's
 HIDING = 20.0  # log likelihood that so quiet a noise must cost, for a louder one to hide anything
@@ -23,8 +23,7 @@ ROUNDS = 3  # of a fit of the base under the quieter noise
 
 
 def _starts(base: Model) -> list[Start]:
-    from drivetool.check.fit.model import everything, fit, judge
-    from drivetool.check.fit.structure import may_have_tip
+    from drivetool.check.fit import everything, fit, judge, may_have_tip
 
     if not may_have_tip(base.task.drive):
         return []
@@ -38,7 +37,7 @@ def _starts(base: Model) -> list[Start]:
 
 
 def _likely(base: Model) -> list[Task]:
-    from drivetool.check.fit.scan import likely_large_tips, likely_middles, likely_tips
+    from drivetool.check.starts import likely_large_tips, likely_middles, likely_tips
 
     return [*likely_tips(base), *likely_large_tips(base), *likely_middles(base)]
 
@@ -48,8 +47,8 @@ def _bounds(base: Model, task: Task) -> Bounds:
 
     It is looked for damped, and may be so less.
     """
-    from drivetool.check.fit.structure import third_of
-    from drivetool.identify.third_mass import tip_names
+    from drivetool.check.fit import third_of
+    from drivetool.identify.laws import tip_names
 
     if task.drive.bodies == base.task.drive.bodies:
         return {}

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added, likeliest, present
+from drivetool.check.starts import Start, added, likeliest, present
 
 if TYPE_CHECKING:
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
 
 NAME = "converter.interpolation"
 EARLIER = tuple(np.round(np.arange(0.1, 1.01, 0.1), 1).tolist())  # shares of a straight line between torques

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.causes.starts import added
+from drivetool.check.starts import Start, added
 from drivetool.drive.effects import idle_torque
 
 if TYPE_CHECKING:
-    from drivetool.check.diagnosis import State
-    from drivetool.check.fit.model import Model
+    from drivetool.check.fit import Model
+    from drivetool.check.outcome import State
 
 
 def _starts(base: Model) -> list[Start]:

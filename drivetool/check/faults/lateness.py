@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 WINDOWS = (2, 4, 8, 16, 32)  # samples over which speed and rate are averaged; the one that tells most counts
 BLOCK = 10  # windows whose errors are summed up before their spread is taken

@@ -9,18 +9,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.faults.preflight import Fault
-from drivetool.check.fit.model import Model, from_start
-from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import Drive
-from drivetool.drive.shaft_rows import closed_shaft
+from drivetool.check.faults.record_faults import Fault
+from drivetool.check.fit import Model, from_start
+from drivetool.drive import Assembly, Drive, Layout, closed_shaft
 from drivetool.errors import Finding
-from drivetool.identify.engine import Task
-from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import filtered, normal_under
-from drivetool.identify.rough import KNOWN, totals
-from drivetool.identify.setup import Roles, roles_of
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.problem import schur
+from drivetool.identify.setup import Roles, Task, roles_of
+from drivetool.identify.starts import KNOWN, totals
+from drivetool.logs import Experiment
 
 BLAMED = 4.0  # standard errors of the scale from which the sensor is blamed
 SURE = 0.5 * BLAMED**2  # the same in log likelihood

@@ -8,12 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from drivetool.check.faults.resolution import resolution
-from drivetool.check.fit.model import Model, sensor_std
+from drivetool.check.fit import Model, resolution, sensor_std
 from drivetool.errors import Finding
 from drivetool.identify.noise import filtered
 from drivetool.identify.setup import traces_of
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 Places = Mapping[str, Sequence[int]]  # role -> samples of a record
 

@@ -12,23 +12,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.simulate import Filtered
+from drivetool.drive.simulation import Filtered
 from drivetool.errors import DriveToolError
-from drivetool.identify.engine import COLOUR_GAIN, Task, looks_coloured
-from drivetool.identify.innovations import fit_innovations
-from drivetool.identify.least_squares import approach
+from drivetool.identify.fit import COLOUR_GAIN, looks_coloured
 from drivetool.identify.noise import (
     Noise,
     by_parabolas,
     excerpt,
     filtered,
+    fit_innovations,
     fit_ratio,
     minus_log_likelihood,
     remembering,
     with_state,
 )
-from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import first_point
+from drivetool.identify.problem import Point, Problem, approach
+from drivetool.identify.setup import Task, first_point
 
 Masks = Sequence[np.ndarray]  # per trace (n,) whether a sample counts
 

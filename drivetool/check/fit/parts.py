@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from drivetool.check.fit.model import Masks, Model, fit
 from drivetool.check.fit.structure import carried
-from drivetool.drive.chain import TOTALS
+from drivetool.drive import TOTALS
+from drivetool.identify.fit import parted, told_apart
 from drivetool.identify.noise import normal_under
-from drivetool.identify.parts import parted, told_apart
 
 WORSE = 0.5  # log likelihood by which the parts may do worse than their sum
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.fit.model import Model
-from drivetool.drive.chain import TIP, Drive
-from drivetool.identify.engine import Task
+from drivetool.drive import TIP, Drive
+from drivetool.identify.laws import split_off, tip_names
 from drivetool.identify.problem import Point, Problem
-from drivetool.identify.third_mass import split_off, tip_names
+from drivetool.identify.setup import Task
 
 MIDDLE = "middle"
 

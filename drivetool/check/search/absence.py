@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.starts import present
-from drivetool.check.diagnosis import State
-from drivetool.check.fit.model import Model
+from drivetool.check.causes import Cause
+from drivetool.check.fit import Model
+from drivetool.check.outcome import State
+from drivetool.check.starts import present
 from drivetool.drive.effects import EFFECTS, Effect
 
 

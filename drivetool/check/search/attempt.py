@@ -7,18 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.causes.cause import Cause
-from drivetool.check.chance import TRIFLE
-from drivetool.check.diagnosis import State
-from drivetool.check.fit.model import BROKEN, FIRST, MOST, Masks, Model, fit
-from drivetool.check.fit.structure import carried, third_of
+from drivetool.check.causes import Cause
+from drivetool.check.fit import BROKEN, FIRST, MOST, TOLD, TRIFLE, Masks, Model, carried, fit, third_of, values_of
+from drivetool.check.outcome import State
 from drivetool.check.search.absence import needed, why_absent
 from drivetool.check.search.begin import Begun, Stand, begin, bounded, kind_of, stand_at
-from drivetool.check.search.reduce import TOLD, values_of
 from drivetool.check.search.smallest import resolved_at
-from drivetool.identify.engine import Task
-from drivetool.identify.setup import problem_of
-from drivetool.identify.third_mass import tip_names
+from drivetool.identify.laws import tip_names
+from drivetool.identify.setup import Task, problem_of
 
 STARTS = 2  # of a kind that are worth a fit, the most promising ones
 ROUGH = 3  # the same where the likelihood is rough

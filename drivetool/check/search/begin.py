@@ -7,18 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.check.causes import FITTED
-from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.start import Start
-from drivetool.check.fit.linear_step import alone, linear_step
-from drivetool.check.fit.model import Masks, Model, begun, first_noise, judge
-from drivetool.check.fit.structure import carried
-from drivetool.drive.simulate import Gains
-from drivetool.identify.engine import Task
-from drivetool.identify.least_squares import marquardt_step
+from drivetool.check.causes import FITTED, Cause
+from drivetool.check.fit import Masks, Model, alone, begun, carried, first_noise, judge, linear_step
+from drivetool.check.starts import Start
+from drivetool.drive.simulation import Gains
 from drivetool.identify.noise import filtered, normal_under, with_state
-from drivetool.identify.problem import Point, Problem
-from drivetool.identify.setup import problem_of
+from drivetool.identify.problem import Point, Problem, marquardt_step
+from drivetool.identify.setup import Task, problem_of
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.causes import CAUSES, FITTED, mistaken_for
-from drivetool.check.chance import TRIFLE, unlikely
-from drivetool.check.diagnosis import CandidateResult, Round
-from drivetool.check.fit.heldout import score
-from drivetool.check.fit.model import BROKEN, Model
-from drivetool.check.fit.remainder import remainder
-from drivetool.check.search.decide import SHARE
+from drivetool.check.fit import BROKEN, TRIFLE, Model, remainder, unlikely, without_them
+from drivetool.check.heldout import score
+from drivetool.check.outcome import CandidateResult, Round
+from drivetool.check.search.decision import SHARE
 from drivetool.check.search.foretell import runs_worse
-from drivetool.check.search.reduce import without_them
 from drivetool.check.search.result import Base, Found, gain_between
 from drivetool.check.search.search import Expansion, Node, Search
 

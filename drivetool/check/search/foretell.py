@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.diagnosis import Gain
-from drivetool.check.fit.heldout import Score, in_one_place, total_evidence
-from drivetool.check.fit.model import everything
-from drivetool.check.fit.remainder import faked
-from drivetool.check.fit.samples import Split
-from drivetool.check.search.decide import Decision
+from drivetool.check.fit import everything, faked
+from drivetool.check.heldout import Score, Split, in_one_place, total_evidence
+from drivetool.check.outcome import Gain
+from drivetool.check.search.decision import Decision
 from drivetool.check.search.result import Base, gain_between
 
 SPOILT = 0.1  # of the error of free runs, by which it may grow beyond its scatter

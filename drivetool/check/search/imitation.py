@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.fit.heldout import Score
-from drivetool.check.fit.model import BROKEN, Model, everything, spread
-from drivetool.identify.least_squares import solve
+from drivetool.check.fit import BROKEN, Model, everything, spread
+from drivetool.check.heldout import Score
 from drivetool.identify.noise import filtered, with_state
+from drivetool.identify.problem import solve
 
 TOLD = 20.0  # log likelihood by which a motion must stand out to tell two causes apart
 

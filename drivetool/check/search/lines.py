@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drivetool.check.causes.starts import FAST
-from drivetool.check.chance import TRIFLE
-from drivetool.check.diagnosis import CandidateResult, State
-from drivetool.check.fit.heldout import Score, total_evidence
-from drivetool.check.fit.model import BROKEN, Model
+from drivetool.check.fit import BROKEN, TRIFLE, Model, values_of
+from drivetool.check.heldout import Score, total_evidence
+from drivetool.check.outcome import CandidateResult, State
 from drivetool.check.search.absence import law_of, needed
 from drivetool.check.search.attempt import Tried
-from drivetool.check.search.decide import Decision
-from drivetool.check.search.reduce import values_of
+from drivetool.check.search.decision import Decision
 from drivetool.check.search.smallest import VISIBLE, resolved_by
-from drivetool.drive.effects.load_step import RECORDS
+from drivetool.check.starts import FAST
+from drivetool.drive.effects import RECORDS
 from drivetool.identify.estimate import Parameter
 
 

@@ -13,18 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from drivetool.check.causes import CAUSES
-from drivetool.check.causes.starts import torque_size
-from drivetool.check.diagnosis import CandidateResult, taken_for_noise
-from drivetool.check.fit.heldout import lead_in_blocks, score
-from drivetool.check.fit.model import BROKEN, sensor_std
+from drivetool.check.fit import BROKEN, sensor_std
+from drivetool.check.heldout import lead_in_blocks, score
+from drivetool.check.outcome import CandidateResult, taken_for_noise
 from drivetool.check.search.absence import law_of
 from drivetool.check.search.attempt import attempt, screen
 from drivetool.check.search.begin import stand_at
-from drivetool.check.search.decide import Decision
+from drivetool.check.search.decision import Decision
 from drivetool.check.search.foretell import SPOILT
 from drivetool.check.search.lines import told
 from drivetool.check.search.result import Searched, gain_between
 from drivetool.check.search.search import Expansion, Node, Search
+from drivetool.check.starts import torque_size
 
 MOST = 2  # bodies: with three, fits of a gap take minutes
 LOUD = 1.5  # sensor noises of error in free runs, from which an unlikely torque noise is looked at again

@@ -6,17 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from drivetool.check.diagnosis import DiagnoseOptions, Gain, Round
-from drivetool.check.faults.preflight import Fault
-from drivetool.check.fit.between_records import Change
-from drivetool.check.fit.folds import blocks_of
-from drivetool.check.fit.forecast import Forecast, forecast, gain_of, unexplained_percent
-from drivetool.check.fit.heldout import Fold, extended
-from drivetool.check.fit.model import Model, sensor_std
-from drivetool.check.fit.remainder import Remainder, much_left, remainder
-from drivetool.check.fit.samples import Split
+from drivetool.check.faults import Fault
+from drivetool.check.fit import Model, Remainder, much_left, remainder, sensor_std
+from drivetool.check.heldout import (
+    Change,
+    Fold,
+    Forecast,
+    Split,
+    blocks_of,
+    extended,
+    forecast,
+    gain_of,
+    unexplained_percent,
+)
+from drivetool.check.outcome import DiagnoseOptions, Gain, Round
 from drivetool.errors import Finding
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 
 @dataclass(frozen=True)

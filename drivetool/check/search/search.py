@@ -13,23 +13,27 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drivetool.check.causes import CAUSES, FITTED, mistaken_for
-from drivetool.check.causes.cause import Cause
-from drivetool.check.chance import TRIFLE
-from drivetool.check.diagnosis import CandidateResult, DiagnoseOptions, Gain, Round
-from drivetool.check.fit.forecast import exact
-from drivetool.check.fit.heldout import LOOKS, Score, folds_of, score
-from drivetool.check.fit.model import BROKEN, Model, everything, fit, heard, runs_worse
-from drivetool.check.fit.parts import with_parts
-from drivetool.check.fit.remainder import remainder
-from drivetool.check.fit.samples import Split
+from drivetool.check.causes import CAUSES, FITTED, Cause, mistaken_for
+from drivetool.check.fit import (
+    BROKEN,
+    TRIFLE,
+    Model,
+    everything,
+    fit,
+    heard,
+    remainder,
+    runs_worse,
+    with_parts,
+    without_them,
+)
+from drivetool.check.heldout import LOOKS, Score, Split, exact, folds_of, score
+from drivetool.check.outcome import CandidateResult, DiagnoseOptions, Gain, Round
 from drivetool.check.search.attempt import HALF, Screened, Tried, as_special_case, attempt, screen, sizeable
 from drivetool.check.search.begin import most_promising, stand_at
-from drivetool.check.search.decide import SURPLUS, Decision, decide
+from drivetool.check.search.decision import SURPLUS, Decision, decide
 from drivetool.check.search.foretell import against
 from drivetool.check.search.imitation import imitates
 from drivetool.check.search.lines import lines_of
-from drivetool.check.search.reduce import without_them
 from drivetool.check.search.result import Base, fitted_to_all, gain_between
 from drivetool.progress import counted
 

@@ -7,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.check.causes.cause import Cause
-from drivetool.check.causes.starts import largest_torque
-from drivetool.check.fit.linear_step import alone, linear_step
-from drivetool.check.fit.model import BROKEN, Model
-from drivetool.check.fit.structure import carried
+from drivetool.check.causes import Cause
+from drivetool.check.fit import BROKEN, Model, alone, carried, linear_step
+from drivetool.check.starts import largest_torque
 from drivetool.identify.noise import normal_under
 from drivetool.identify.problem import Normal, Point
 from drivetool.identify.setup import problem_of

@@ -9,11 +9,11 @@ import numpy as np
 from drivetool.check.validation.correlation import ALARM
 from drivetool.check.validation.replay import Replay, simulated
 from drivetool.check.validation.result import RecordCheck
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import Finding
-from drivetool.identify.fit_percent import fit_percent
+from drivetool.identify.estimate import fit_percent
 from drivetool.identify.noise import with_torque_noise
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 DRAWS = 20  # runs with other torque noise
 SURE = 4.0  # standard deviations by which a drift exceeds what noise makes

@@ -14,10 +14,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from drivetool.drive.chain import Drive
-from drivetool.drive.simulate import Trace
+from drivetool.drive import Drive
+from drivetool.drive.simulation import Trace
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.least_squares import schur
 from drivetool.identify.noise import (
     FAR,
     Noise,
@@ -27,8 +26,8 @@ from drivetool.identify.noise import (
     minus_log_likelihood,
     natural_ratio,
 )
-from drivetool.identify.noise_doubt import KNOWN
-from drivetool.identify.problem import Point, Problem
+from drivetool.identify.outcome import KNOWN
+from drivetool.identify.problem import Point, Problem, schur
 from drivetool.identify.setup import Roles, problem_of, replaced
 
 LEVEL = 0.99  # of the region of the parameters and of the interval of the ratio, that of the test which follows

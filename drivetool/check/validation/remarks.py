@@ -9,9 +9,8 @@ import numpy as np
 from drivetool.check.validation.correlation import ALARM, Correlation
 from drivetool.check.validation.result import RecordCheck, ValidateOptions
 from drivetool.errors import Finding
-from drivetool.identify.fit_percent import fit_words
-from drivetool.identify.rounding import rounding_alone
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.estimate import fit_words, rounding_alone
+from drivetool.logs import Experiment
 
 BEYOND = 0.1  # of the fitted range, from which a record counts as outside it
 CLEAR = 1.05  # ratio of two errors from which one model counts as better; the tables show less as a tie

@@ -8,25 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.check.validation.left_open import likeliest, moved
-from drivetool.drive.assemble import Assembly, Layout
-from drivetool.drive.chain import Drive
-from drivetool.drive.simulate import Filtered, Trace
+from drivetool.drive import Assembly, Drive, Layout
+from drivetool.drive.simulation import Filtered, Trace
 from drivetool.errors import BadOption, Finding
-from drivetool.identify.engine import Task, segment_states, smoothed_starts
 from drivetool.identify.estimate import Covariance
-from drivetool.identify.least_squares import solve
+from drivetool.identify.fit import segment_states, smoothed_starts
 from drivetool.identify.noise import Noise, filtered, fit_ratio, minus_log_likelihood, with_state
-from drivetool.identify.problem import Point, Problem
+from drivetool.identify.problem import Point, Problem, solve
 from drivetool.identify.setup import (
     Roles,
+    Start,
+    Task,
+    contradicted_start,
     first_states,
+    known_states,
     measured_states,
     problem_of,
     roles_of,
     traces_of,
 )
-from drivetool.identify.start import Start, contradicted_start, known_states
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 TURNS = 2  # steps of the parameters to where they are likeliest, each with the noise anew
 SHORTEST = 20  # samples of a segment, which pays for its start states first

@@ -8,8 +8,8 @@ from typing import Literal
 
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit
-from drivetool.identify.start import Start
-from drivetool.logs.experiment import Source
+from drivetool.identify.setup import Start
+from drivetool.logs import Source
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
-from drivetool.identify.coast_down.fit import NOTHING, Fitted, fit, run_of, simulated
-from drivetool.identify.coast_down.readings import UNIFORM
-from drivetool.identify.coast_down.stretches import Stretch
+from drivetool.drive import Drive
+from drivetool.identify.coast_down import NOTHING, UNIFORM, Fitted, Stretch, fit, run_of, simulated
 from drivetool.identify.estimate import Covariance
-from drivetool.logs.experiment import Experiment
+from drivetool.logs import Experiment
 
 PARTS = 40  # of a run-down: a model errs smoothly, so that its error has one slope in each
 FEWEST = 10  # readings of a part, by which a slope is known to a tenth of what two of them tell

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from drivetool.quantity import Quantity
 
 if TYPE_CHECKING:
-    from drivetool.drive.assemble import Assembly
+    from drivetool.drive import Assembly
 
 
 @dataclass(frozen=True)

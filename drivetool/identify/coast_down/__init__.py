@@ -1,1 +1,8 @@
-"""A drive that is switched off runs down: friction over inertia, and both where a scale is known."""
+"""A drive that runs down without torque.
+
+Experiments and options come in. Friction over inertia, and both where a scale is known, go out as an Estimate.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

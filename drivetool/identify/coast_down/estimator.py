@@ -9,11 +9,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import nnls
 
-from drivetool.drive.chain import AT, Drive, one_body, shared
-from drivetool.drive.effects.induction import EFFECT as INDUCTION
-from drivetool.drive.effects.induction import mean_torque
+from drivetool.drive import AT, Drive, one_body, shared
+from drivetool.drive.effects import EFFECT as INDUCTION, mean_torque
 from drivetool.errors import BadOption, NotEnoughData
-from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
+from drivetool.identify.acceleration import Rigid, held_value, in_the_drive, rigid_of
 from drivetool.identify.coast_down.laws import UNLIKELY, Further, begun, further_law
 from drivetool.identify.coast_down.report import (
     TELLS,
@@ -28,14 +27,12 @@ from drivetool.identify.coast_down.report import (
     ratio_lines,
     untold,
 )
+from drivetool.identify.coast_down.run_down_fit import NOTHING, Fitted, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.stages import Joint, in_stages
 from drivetool.identify.coast_down.stretches import Stretch, stretches_of
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
-from drivetool.identify.options import Options
-from drivetool.identify.results import Z95
-from drivetool.identify.steady_speeds.acceleration import Rigid, held_value, in_the_drive, rigid_of
-from drivetool.identify.supply import fed_by_voltages
-from drivetool.logs.experiment import Experiment, sources
+from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter
+from drivetool.identify.setup import Options, fed_by_voltages
+from drivetool.logs import Experiment, sources
 
 INERTIA = "motor.inertia"
 FRICTION = ("motor.viscous", "motor.coulomb", "motor.idle_torque")

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
-from drivetool.identify.coast_down.fit import BLOCKS, Fitted, Prior, Run, fit, simulated
-from drivetool.identify.results import Z95
+from drivetool.drive import Drive
+from drivetool.identify.coast_down.run_down_fit import BLOCKS, Fitted, Prior, Run, fit, simulated
+from drivetool.identify.estimate import Z95
 
 LAWS = {"drag": ("drag",), "stribeck": ("stribeck", "stribeck_speed"),
         "breakaway": ("breakaway", "breakaway_speed")}

@@ -9,8 +9,8 @@ import numpy as np
 
 from drivetool.errors import BadRecording
 from drivetool.identify.setup import white_std
-from drivetool.logs.experiment import Experiment
-from drivetool.logs.samples.spikes import quantum
+from drivetool.logs import Experiment
+from drivetool.logs.samples import quantum
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what is anywhere in an interval of one
 # Changes before and after, over which the speed is taken to place a change: twenty counts tell it to some per cent.

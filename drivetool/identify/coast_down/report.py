@@ -9,17 +9,16 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from drivetool.drive.chain import AT, Drive
-from drivetool.drive.effects.induction import steady_torque
+from drivetool.drive import AT, Drive
+from drivetool.drive.effects import steady_torque
 from drivetool.errors import Finding
-from drivetool.identify.coast_down.fit import GROUPS, NOTHING, Fitted, Run, fit
 from drivetool.identify.coast_down.laws import UNLIKELY, Further
+from drivetool.identify.coast_down.run_down_fit import GROUPS, NOTHING, Fitted, Run, fit
 from drivetool.identify.coast_down.stretches import Stretch, acting
-from drivetool.identify.estimate import Exhibit, Parameter
-from drivetool.identify.results import Z95
-from drivetool.identify.steady_speeds.report import record_with
-from drivetool.identify.supply import supply_of
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.estimate import Z95, Exhibit, Parameter
+from drivetool.identify.plateaus import record_with
+from drivetool.identify.setup import supply_of
+from drivetool.logs import Experiment
 
 INERTIA = "motor.inertia"
 STEPS = 200  # speeds below the synchronous one, between which a motor without load runs

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import BadOption, Finding, NotEnoughData
-from drivetool.identify.coast_down.fit import NOTHING, Fitted, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.readings import AROUND
 from drivetool.identify.coast_down.report import exhibits, figures, ratio_lines
+from drivetool.identify.coast_down.run_down_fit import NOTHING, Fitted, Prior, Run, fit, run_of
 from drivetool.identify.coast_down.stretches import Stretch
-from drivetool.identify.estimate import Estimate, Parameter
-from drivetool.identify.results import Z95
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.estimate import Z95, Estimate, Parameter
+from drivetool.logs import Experiment
 
 VISCOUS, COULOMB = "motor.viscous", "motor.coulomb"
 SECOND = (".coulomb", ".idle_torque", ".breakaway", ".stribeck")  # what the second window fits

@@ -9,12 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from drivetool.errors import BadRecording, NotEnoughData
-from drivetool.identify.setup import white_std
-from drivetool.identify.steady_speeds.points import speed_of
-from drivetool.identify.steady_speeds.state import block_means
-from drivetool.identify.supply import supply_of
-from drivetool.logs.experiment import Experiment
-from drivetool.logs.samples.spikes import quantum
+from drivetool.identify.plateaus import block_means, speed_of
+from drivetool.identify.setup import supply_of, white_std
+from drivetool.logs import Experiment
+from drivetool.logs.samples import quantum
 
 NOISE = 5.0  # standard deviations of the torque's white noise: chance exceeds them once in a million samples
 # Steps or noises of the sensor that a drive which runs down goes, or is fast, at least: with less it may stand.

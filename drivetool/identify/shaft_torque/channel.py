@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
+from drivetool.drive import Drive
 from drivetool.errors import BadRecording
-from drivetool.identify.steady_speeds.state import block_means
-from drivetool.logs.experiment import Experiment
+from drivetool.identify.plateaus import block_means
+from drivetool.logs import Experiment
 
 # Blocks of a recording over which torques are compared: slower than a resonance, above which a shaft torque counts
 # against the motor's. What both lengths tell, no swing fakes.

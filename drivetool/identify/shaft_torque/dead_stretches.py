@@ -14,9 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.drive.chain import Drive
-from drivetool.identify.setup import sensor_stds
-from drivetool.identify.task import Task
+from drivetool.drive import Drive
+from drivetool.identify.setup import Task, sensor_stds
 
 LOUD = (0.1, 0.3)  # of the largest torque, above which a shaft is in contact: high where the gap is damped
 NOISY = 6.0  # standard deviations of the sensor, likewise

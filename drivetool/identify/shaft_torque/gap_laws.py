@@ -13,15 +13,12 @@ from typing import get_args
 
 import numpy as np
 
-from drivetool.drive.chain import AT, DampingLaw, is_constant
+from drivetool.drive import AT, DampingLaw, is_constant
 from drivetool.errors import DriveToolError, Finding
-from drivetool.identify.engine import Outcome, Task
-from drivetool.identify.innovations import fit_innovations, settle, until_settled
-from drivetool.identify.noise import Noise, fit_ratio
-from drivetool.identify.options import Options
-from drivetool.identify.search import apart
-from drivetool.identify.setup import first_point
+from drivetool.identify.noise import Noise, fit_innovations, fit_ratio, settle, until_settled
+from drivetool.identify.setup import Options, Outcome, Task, first_point
 from drivetool.identify.shaft_torque.dead_stretches import Crossings, crossings
+from drivetool.identify.starts import apart
 
 TOLD = 7.0  # log likelihood by which one law must lead: odds of a thousand to one
 SHARES = (0.6, 1.0, 1.6)  # of the contact's damping at which a fit begins: the dead stretches tell it to a third

@@ -11,17 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivetool.drive.chain import AT, TOTALS, Drive, shared
+from drivetool.drive import AT, TOTALS, Drive, shared
 from drivetool.errors import Finding
-from drivetool.identify.compose import moved_with
-from drivetool.identify.engine import Outcome, again
-from drivetool.identify.estimate import Covariance, Estimate, Parameter
-from drivetool.identify.explanations.explanation import Explanation
-from drivetool.identify.options import Options
-from drivetool.identify.parts import SHARE, size_of_idle
-from drivetool.identify.results import Z95, covariance_of
-from drivetool.identify.setup import Roles
-from drivetool.identify.sums import apart, split_totals, with_totals
+from drivetool.identify.estimate import Z95, Covariance, Estimate, Parameter, covariance_of
+from drivetool.identify.fit import SHARE, again, apart, size_of_idle, split_totals, with_totals
+from drivetool.identify.laws import Explanation
+from drivetool.identify.outcome import moved_with
+from drivetool.identify.setup import Options, Outcome, Roles
 
 
 def has_sides(drive: Drive, roles: Roles, options: Options) -> bool:

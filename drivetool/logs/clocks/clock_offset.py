@@ -8,10 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from drivetool.errors import Finding
-from drivetool.logs.clocks.clock import median_step
-from drivetool.logs.roles import is_motion, quantity
-from drivetool.logs.samples.speed_check import SURE
-from drivetool.logs.signals import Signal
+from drivetool.logs import Signal, is_motion, median_step, quantity
+from drivetool.logs.samples import SURE
 
 # Longer records are looked at in their first part, coarser ones at this many points.
 POINTS = 200_000

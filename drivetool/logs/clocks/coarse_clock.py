@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivetool.logs.clocks.clock import JITTER
+from drivetool.logs import JITTER
 
 # Stamps cut to a resolution lie within one of it from the line of a uniform clock; a slow drift of the clock and
 # the rounding of what is stored add to that. A sample that was lost shifts the stamps behind it by a step, which

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from drivetool.logs.clocks.clock import BRIDGE_STEPS, GAP_STEPS, median_step
+from drivetool.logs import BRIDGE_STEPS, GAP_STEPS, median_step
 
 # From this ratio of rates on.
 FASTER = 1.25

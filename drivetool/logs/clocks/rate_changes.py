@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from drivetool.logs.clocks.clean_clock import Clock
+from drivetool.logs import INPUTS
+from drivetool.logs.clocks.clean_stamps import Clock
 from drivetool.logs.clocks.rate import FASTER, REGULAR
 from drivetool.logs.clocks.resample import Clean, led, refuse_single
-from drivetool.logs.roles import INPUTS
 
 # A rate lasts for so many samples, or it is none: fewer answer no question about a drive. The median of twice as
 # many steps less one changes only where at least so many of them are of another length.

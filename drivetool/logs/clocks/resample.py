@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivetool.errors import BadRecording, Finding, NotEnoughData
-from drivetool.logs.clocks.clean_clock import Clock, clean_clock
-from drivetool.logs.clocks.clock import BRIDGE_STEPS, JITTER, LIKE_STEP, Grid, fit_grid, median_step, usual_step
+from drivetool.logs import BRIDGE_STEPS, INPUTS, JITTER, LIKE_STEP, Grid, Signal, fit_grid, median_step, usual_step
+from drivetool.logs.clocks.clean_stamps import Clock, clean_clock
 from drivetool.logs.clocks.clock_offset import clock_offsets
 from drivetool.logs.clocks.rate import CUT_OFF, FASTER, average, held_for, low_passed
-from drivetool.logs.roles import INPUTS
-from drivetool.logs.signals import Signal
 
 
 @dataclass(frozen=True)

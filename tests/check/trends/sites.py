@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivetool.logs.summary import Row
+from drivetool.logs.formats import Row
 
 # Name -> value, unit; one standard deviation from recording to recording is a 60th of the value.
 PARAMETERS = {"shaft.half_gap": (2e-3, "rad"), "motor.viscous": (0.4, "Nm s/rad"), "motor.coulomb": (1.5, "Nm"),

@@ -9,8 +9,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from drivetool.check.trends.findings import trends_of
-from drivetool.logs.summary import Row
+from drivetool.logs.formats import Row
+from drivetool.site.trends import trends_of
 from tests.check.trends.sites import told
 
 FOLDER = os.environ.get("DRIVETOOL_RECORDS", "")

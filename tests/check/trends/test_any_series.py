@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import yaml
 
-from drivetool.check.trends.findings import trends_of
-from drivetool.files.result_file import dump
-from drivetool.files.trends_file import trends_file
-from drivetool.logs.summary import Row
+from drivetool.files.results import dump
+from drivetool.logs.formats import Row
+from drivetool.site.trends import trends_file, trends_of
 
 KINDS = {
     "normal": lambda rng, n: rng.normal(size=n), "counts": lambda rng, n: rng.integers(0, 3, size=n).astype(float),

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivetool.check.trends.change_points import LEVEL, model_of
-from drivetool.check.trends.findings import trends_of
-from drivetool.check.trends.weights import weights_of
-from drivetool.logs.summary import Row
+from drivetool.logs.formats import Row
+from drivetool.site.trends import trends_of
+from drivetool.site.trends.change_points import LEVEL, model_of
+from drivetool.site.trends.weights import weights_of
 from tests.check.trends.sites import BEGAN, EVERY, SD, autoregressive, normal, site, step, student, told
 
 SEEDS = range(20)  # fixed before the first look

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drivetool.check.trends import weights
-from drivetool.check.trends.findings import trends_of
-from drivetool.check.trends.outliers import outliers_of
-from drivetool.check.trends.regression import correlation
+from drivetool.site.trends import trends_of, weights
+from drivetool.site.trends.outliers import outliers_of
+from drivetool.site.trends.regression import correlation
 from tests.check.trends.sites import normal, site, step, student, told
 
 SEEDS = range(20)  # fixed before the first look

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivetool.check.trends.random_effects import random_effects
+from drivetool.site.trends.random_effects import random_effects
 
 S_R, S_DAY, DRAWS = 0.5, 1.0, 400
 

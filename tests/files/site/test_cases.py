@@ -5,7 +5,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from drivetool.files.site.cases import MOST_LISTED, Case, junit, markdown
+from drivetool.site.verdicts import Case, junit, markdown
+from drivetool.site.verdicts.cases import MOST_LISTED
 
 MISSED = "wanted shaft.half_gap at most 5 mrad; found 6.1 mrad. Open the gearbox."
 CASES = [

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tests.study.missing_laws.laws import SIZES, Law
-from tests.study.missing_laws.laws import draw_law as draw_on_one_body
+from tests.study.missing_laws.laws import SIZES, Law, draw_law as draw_on_one_body
 from tests.study.two_masses import kernel
 from tests.study.two_masses.machine import HALF_GAPS, Machine
 

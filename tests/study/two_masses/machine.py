@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.study.missing_laws.machine import Machine as Rigid
-from tests.study.missing_laws.machine import draw_machine as draw_rigid
+from tests.study.missing_laws.machine import Machine as Rigid, draw_machine as draw_rigid
 
 LOAD_SHARE = (0.25, 0.8)  # of the inertia
 RESONANCE = (8.0, 35.0)  # [Hz] of the load on the shaft, the motor held

@@ -1,0 +1,1 @@
+from .full_diagnosis import diagnose as diagnose

@@ -1,0 +1,1 @@
+from .inverse_diagnosis import diagnose_by_inverse as diagnose_by_inverse

@@ -1,1 +1,0 @@
-"""Diagnosis where the motion is imposed: the torque that it asks for is the judge."""

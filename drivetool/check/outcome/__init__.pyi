@@ -1,0 +1,15 @@
+from .diagnosis import (
+    IMPLAUSIBLE as IMPLAUSIBLE,
+    LOUD as LOUD,
+    REST as REST,
+    UNLISTED as UNLISTED,
+    CandidateResult as CandidateResult,
+    DiagnoseOptions as DiagnoseOptions,
+    Diagnosis as Diagnosis,
+    Facts as Facts,
+    Gain as Gain,
+    Round as Round,
+    State as State,
+    Verdict as Verdict,
+    taken_for_noise as taken_for_noise,
+)

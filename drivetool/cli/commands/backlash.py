@@ -1,0 +1,17 @@
+"""drivetool backlash."""
+
+from drivetool.cli.options import common as cli
+from drivetool.cli.parts import estimator_command
+
+HELP = "The half gap from a record that opens it."
+EXAMPLE = "drivetool backlash gap.parquet --params greybox.yaml --out backlash.yaml"
+
+
+def _load():
+    from drivetool.identify.backlash import backlash
+
+    return backlash
+
+
+command = estimator_command("backlash", _load, {
+    "start": (cli.Start, None), "record": (cli.Record, None)})

@@ -1,0 +1,63 @@
+"""drivetool batch."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from drivetool.cli.options import common as cli
+from drivetool.cli.output import DONE, MISSED, guarded, put, say
+from drivetool.site import Asked
+
+HELP = ("A site of recordings: the recipe of its file, done with every recording of every machine on the cores "
+        "there are. What is done stays done; a second run does what has changed.")
+EXAMPLE = "drivetool batch site.yaml"
+
+MINUTES_15 = 900.0
+
+Given = Annotated[list[str], typer.Argument(
+    metavar="SITE|PATTERN", help="A site file; with --recipe recordings, or a quoted pattern such as "
+    "'logs/**/*.mcap'.")]
+Recipe = Annotated[str | None, typer.Option(
+    "--recipe", metavar="FILE", help="A site file without recordings, whose recipe is done with those named.")]
+Out = Annotated[str | None, typer.Option(
+    "--out", "-o", metavar="DIR", help="Folder of the results. Default: the site file's or recipe's name with "
+    "-results.")]
+Workers = Annotated[int | None, typer.Option(
+    "--workers", metavar="N", min=1, help="Processes at work. Default: one per core.")]
+Scheduler = Annotated[str | None, typer.Option(
+    "--scheduler", metavar="ADDRESS", help="Of a Dask cluster that does the work: tcp://HOST:PORT. It sees the "
+    "recordings and the results under the same paths.")]
+TimeLimit = Annotated[float, typer.Option(
+    "--time-limit", metavar="S", min=0.001, help="Longest time in s that one step of one recording may take.")]
+MemoryLimit = Annotated[float | None, typer.Option(
+    "--memory-limit", metavar="MB", min=1.0, help="Most resident memory of a worker, where the system tells it. "
+    "Default: 2000.")]
+Explain = Annotated[bool, typer.Option("--explain", help="Say for everything that is run what has changed.")]
+Verify = Annotated[bool, typer.Option(
+    "--verify", help="Run nothing; exit code 3 unless the results are those of the recordings as they are.")]
+Retry = Annotated[bool, typer.Option(
+    "--retry", help="Run again what gave no result.")]
+Junit = Annotated[str | None, typer.Option(
+    "--junit", metavar="FILE", help="Verdicts as JUnit XML; - is standard output.")]
+Markdown = Annotated[str | None, typer.Option(
+    "--markdown", metavar="FILE", help="Verdicts as Markdown; - is standard output.")]
+
+
+def command(
+    context: typer.Context, given: Given, recipe: Recipe = None, map: cli.Map = None, out: Out = None,
+    workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = MINUTES_15,
+    memory_limit: MemoryLimit = None, explain: Explain = False, verify: Verify = False, retry: Retry = False,
+    junit: Junit = None, markdown: Markdown = None, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    asked = Asked(given, recipe, map, out, workers, scheduler, time_limit, memory_limit, explain, verify, retry,
+                  junit, markdown, lambda text: None if quiet else say("batch", text), put)
+
+    def work() -> int:
+        from drivetool.site import run
+
+        return DONE if run(asked, context.obj) else MISSED
+
+    guarded("batch", work, debug, quiet)

@@ -1,0 +1,138 @@
+"""drivetool diagnose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli.options import (
+    Job,
+    check_outputs,
+    common as cli,
+    differing,
+    drive_for,
+    findings,
+    noted,
+    only_stated,
+    open_all,
+    own_of_held_out,
+    with_torques,
+)
+from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.parts import refuse_run_downs
+from drivetool.errors import BadOption, DriveToolError
+from drivetool.files.disk import write_whole
+
+if TYPE_CHECKING:
+    from drivetool.check.outcome import DiagnoseOptions
+
+HELP = ("What the simulation gets wrong, and why. Names the physical cause, writes the extended drive, and "
+        "states the gain on data held out.")
+EXAMPLE = "drivetool diagnose gap.parquet --params greybox.yaml --report page.html"
+
+Holdout = Annotated[list[str] | None, typer.Option(
+    "--holdout", metavar="LOG", help="Recording that only judges; repeatable. Without one, parts of the "
+    "recordings judge each other.")]
+Candidates = Annotated[str, typer.Option(
+    "--candidates", metavar="A,B", help="Causes to look for, see drivetool effects. Default: all.")]
+Budget = Annotated[float, typer.Option(
+    "--error-budget", metavar="P", min=1e-6, max=0.5,
+    help="Share of records without a cause on which one may be named, over all rounds.")]
+Rounds = Annotated[int, typer.Option("--rounds", metavar="N", min=1, help="Most causes that are looked for.")]
+Explain = Annotated[bool, typer.Option("--explain", help="Print the facts and the rule that made the verdict.")]
+Report = Annotated[str | None, typer.Option("--report", metavar="FILE", help="Where the HTML page goes.")]
+
+
+def command(
+    logs: cli.Logs, params: cli.Base, holdout: Holdout = None, candidates: Candidates = "",
+    error_budget: Budget = 0.01, rounds: Rounds = 3,
+    criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation, seed: cli.Seed = 1, map: cli.Map = None,
+    condition: cli.Condition = None, record: cli.Record = None, out: cli.Out = None, report: Report = None,
+    json: cli.Json = False, plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    quiet: cli.Quiet = False, explain: Explain = False,
+) -> None:
+    """See HELP."""
+    held = tuple(holdout or ())
+    job = Job("diagnose", [*logs, *held], params, map, None, (), out, json, plot, strict, debug, quiet,
+              condition or (), record=record or ())
+
+    def work() -> int:
+        from drivetool.check.outcome import DiagnoseOptions
+        from drivetool.files.disk import recordings_in
+
+        codes = tuple(filter(None, (code.strip() for code in candidates.split(","))))
+        if candidates and not codes:
+            raise BadOption("at least one cause after --candidates", f"'{candidates}'",
+                            "Name causes, with commas between; drivetool effects lists them.")
+        return run(job, len(recordings_in(held)), DiagnoseOptions(
+            codes, error_budget, rounds, seed, criterion.value), report, explain)
+
+    guarded("diagnose", work, debug, quiet)
+
+
+def run(job: Job, held: int, options: DiagnoseOptions, report: str | None, explain: bool = False) -> int:
+    """Open, diagnose, deliver; the exit code.
+
+    held  how many of the job's recordings only judge; the last ones
+    """
+    from drivetool.check import diagnose
+    from drivetool.check.causes import chosen_causes
+    from drivetool.drive import is_constant
+    from drivetool.files.pages import diagnosis_page
+    from drivetool.files.results import (
+        base_findings,
+        check_base,
+        check_holdout,
+        diagnosis_file,
+        sections_before,
+        verdict_finding,
+    )
+    from drivetool.files.tables import print_rule
+    from drivetool.identify.channels import used_by
+
+    check_outputs(job, report=report)
+    opened = open_all(job)
+    loaded = opened.loaded
+    apart = differing(job, opened.experiments, drive_for(job, opened))
+    split = len(opened.experiments) - held
+    apart = (own_of_held_out(apart, opened.experiments[:split], job.step) if options.criterion == "inverse"
+             else only_stated(apart, job.step))
+    opened, drive = with_torques(opened, apart.drive)
+    training, holdout = opened.experiments[:split], opened.experiments[split:]
+    check_holdout(training, holdout)
+    refuse_run_downs(opened.experiments)
+    check_base(loaded, drive)
+    options = replace(options, candidates=chosen_causes(options.candidates, drive))
+    sections = loaded.sections(drive)
+    try:
+        free = [name for name, section in sections.items() if section.status != "held" and not is_constant(name)
+                and name not in apart.free]
+        found = diagnose(training, drive, free, options, holdout, loaded.starts(drive), apart.free)
+    except DriveToolError:
+        draw_recordings(job, training)
+        raise
+    before = base_findings(loaded, training, holdout, options.criterion)
+    said = (*before, verdict_finding(found), *found.estimate.findings)
+    used = asdict(options) | dict(found.estimate.options) | {
+        "holdout": [{"file": e.name, "sha256": e.sha256} for e in holdout]}
+    taken = used_by(job.step, opened.experiments, drive)
+    found = replace(found, estimate=replace(
+        found.estimate, findings=findings(opened, said, taken, drive, job.step),
+        options=noted(job, used, apart.words)))
+    file = diagnosis_file(found, opened.inputs)
+    if report is not None:
+        write_whole(report, diagnosis_page(found, file, sections_before(sections, drive)))
+        _told(job, f"wrote {report}")
+    code = deliver(job, file, found.exhibits)
+    if explain:
+        print_rule(file)
+    return code
+
+
+def _told(job: Job, *lines: Sequence[str]) -> None:
+    """Lines on standard error unless it should be quiet."""
+    for line in lines if not job.quiet else ():
+        say(job.step, line)

@@ -1,0 +1,113 @@
+"""drivetool init."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli.options import common as cli
+from drivetool.cli.output import DONE, guarded, put, say
+from drivetool.errors import BadOption, DriveToolError
+from drivetool.files.disk import check_target, write_whole
+
+if TYPE_CHECKING:
+    from drivetool.logs.door import Inspection
+    from drivetool.site.plan import Seen
+
+HELP = "A first site file for batch, with comments, from what inspect sees in some recordings."
+EXAMPLE = "drivetool init logs --out site.yaml"
+
+Logs = Annotated[list[str], typer.Argument(
+    metavar="LOG", help="Recordings, Parquet or MCAP, or folders that have some in or below them.")]
+Out = Annotated[str, typer.Option(
+    "--out", "-o", metavar="FILE", help="Where the site file goes; - is standard output. One that is there stays.")]
+
+
+def command(logs: Logs, out: Out = "site.yaml", debug: cli.Debug = False, quiet: cli.Quiet = False) -> None:
+    """See HELP."""
+    guarded("init", lambda: run(logs, out, quiet), debug, quiet)
+
+
+def run(logs: list[str], out: str, quiet: bool) -> int:
+    """Look, write; the exit code."""
+    from drivetool.site.plan import first_site
+
+    if out != "-":
+        check_target(out)
+        if os.path.exists(out):
+            raise BadOption("a file that is not there yet, to write a site file", out,
+                            "Give another name with --out; what a person may have edited is not replaced.")
+    folder = Path.cwd() if out == "-" else Path(os.path.abspath(out)).parent
+    text = first_site(_seen(_recordings(logs), folder))
+    if out == "-":
+        put(text)
+        return DONE
+    write_whole(out, text)
+    if not quiet:
+        say("init", f"wrote {out}; look at it, then run: drivetool batch {out}")
+    return DONE
+
+
+def _recordings(logs: list[str]) -> list[Path]:
+    """The recordings, those of folders in all folders below."""
+    from drivetool.files.disk import SUFFIXES
+    from drivetool.logs.formats.tables import natural
+    from drivetool.site.plan import is_recording
+
+    found: list[Path] = []
+    for log in map(Path, logs):
+        below = [p for p in (log.rglob("*") if log.is_dir() else [log]) if is_recording(p, log)]
+        if not below:
+            raise BadOption(f"recordings ({', '.join(SUFFIXES)})",
+                            f"none in {log}" if log.exists() else f"no file or folder {log}", "Correct the path.")
+        found += sorted(below, key=natural)
+    return list(dict.fromkeys(found))
+
+
+def _seen(paths: list[Path], folder: Path) -> list[Seen]:
+    """The recordings in groups of one kind and suffix, the more special names first."""
+    from drivetool.site.plan import kinds_of
+
+    kinds = kinds_of([path.stem for path in paths])
+    groups: dict[tuple[str, str, str], list[Path]] = {}
+    for path in paths:
+        groups.setdefault((*kinds[path.stem], path.suffix), []).append(path)
+    root = os.path.relpath(os.path.commonpath([os.path.abspath(path.parent) for path in paths]), folder)
+    ordered = sorted(groups, key=lambda group: (-len(group[0]), group))
+    return [_group(kind, Path(glob.escape(root), "**", f"{words}{suffix}").as_posix(), groups[kind, words, suffix])
+            for kind, words, suffix in ordered]
+
+
+def _group(kind: str, pattern: str, paths: list[Path]) -> Seen:
+    """What is said of a group, its first recording standing for all."""
+    from drivetool.logs.door import inspect_log
+    from drivetool.logs.formats import look_at
+    from drivetool.site.plan import Seen
+
+    example, channels, usable, steady = paths[0], [], False, False
+    try:
+        found = inspect_log(example)
+        channels = [f"{c.name} [{c.unit or '?'}]" for c in found.channels]
+        usable, steady = found.experiment is not None, _is_steady(found)
+    except DriveToolError:  # the steps will say so; the file can be written all the same
+        pass
+    folders = Counter(path.resolve().parent.name for path in paths)
+    return Seen(kind, pattern, example.name, channels, usable, steady, len(paths), sorted(folders),
+                max(folders.values()) > 1, sorted(look_at(example).metadata))
+
+
+def _is_steady(found: Inspection) -> bool:
+    """Whether a step would find intervals of constant speed in it."""
+    from drivetool.identify.plateaus import find_intervals
+
+    if found.experiment is None:
+        return False
+    try:
+        return bool(find_intervals(found.experiment))
+    except DriveToolError:  # no torque, or no speed of the motor
+        return False

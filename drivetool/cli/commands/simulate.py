@@ -1,0 +1,94 @@
+"""drivetool simulate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli.options import Job, common as cli, drive_for, findings, open_all, start_of, with_torques
+from drivetool.cli.output import draw, exit_code, guarded, say
+from drivetool.errors import BadOption
+from drivetool.files.disk import write_whole
+
+if TYPE_CHECKING:
+    from drivetool.check.validation import ModelRun
+    from drivetool.identify.estimate import Exhibit
+    from drivetool.logs import Experiment
+
+HELP = ("What a model says over the torque of a record. Every speed, angle and shaft torque of the drive, "
+        "as a Parquet table.")
+EXAMPLE = "drivetool simulate steps.parquet --params greybox.yaml --out sim.parquet"
+
+Log = Annotated[str, typer.Argument(metavar="LOG", help="Recording, Parquet or MCAP.")]
+Table = Annotated[str, typer.Option("--out", "-o", metavar="FILE", help="Where the Parquet table goes.")]
+Segment = Annotated[float, typer.Option(
+    "--segment", metavar="S", min=0.0,
+    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
+
+
+def command(
+    log: Log, out: Table, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
+    drive: cli.DriveName = None, set: cli.Set = None, segment: Segment = 0.0, start: cli.Start = None,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("simulate", [log], params or (), map, drive, set or (), out, False, plot, strict, debug, quiet,
+              condition or (), start=start or ())
+    guarded("simulate", lambda: run(job, segment), debug, quiet)
+
+
+def run(job: Job, segment: float) -> int:
+    """Open, simulate, write; the exit code."""
+    from drivetool.check.validation import run_model
+    from drivetool.files.results import run_table
+    from drivetool.identify.channels import used_by
+
+    if not job.out.lower().endswith(".parquet"):
+        raise BadOption("a file name that ends in .parquet after --out", f"'{job.out}'",
+                        "The table is binary; write for example '--out sim.parquet'.")
+    _ = job.log
+    opened = open_all(job)
+    opened, drive = with_torques(opened, drive_for(job, opened))
+    experiment, = opened.experiments
+    found = run_model(experiment, drive, segment, start_of(job.start, drive))
+    said = findings(opened, (), used_by(job.step, opened.experiments, drive), drive, job.step)
+    models = ", ".join(name for name, _ in opened.inputs)
+    about = {"record": experiment.name, "record_sha256": experiment.sha256, "models": models}
+    if job.condition:
+        about["condition"] = "; ".join(job.condition)
+    if job.start:
+        about["start"] = "; ".join(job.start)
+    write_whole(job.out, run_table(found, about))
+    pictures = draw(job, [_exhibit(experiment, found, role) for role in found.measured], [])
+    if not job.quiet:
+        for finding in said:
+            say("simulate", f"{finding.severity} {finding.code}: {finding.text} {finding.action}".rstrip())
+        for role in found.measured:
+            say("simulate", _told(found, role))
+        say("simulate", f"wrote {job.out}")
+        if pictures:
+            say("simulate", f"drew {', '.join(pictures)} in {job.plot}")
+    return exit_code((finding.severity for finding in said), True, job.strict)
+
+
+def _told(found: ModelRun, role: str) -> str:
+    """How well one sensor is simulated, in a line."""
+    import numpy as np
+
+    from drivetool.identify.estimate import fit_percent, fit_words
+
+    y, s = found.measured[role], found.simulated[role]
+    rmse = float(np.sqrt(np.nanmean((y - s) ** 2)))
+    return f"{role}: fit {fit_words(fit_percent(y, s))}, rmse {rmse:.3g} {found.unit(role)}"
+
+
+def _exhibit(experiment: Experiment, found: ModelRun, role: str) -> Exhibit:
+    """Measured and simulated of one sensor."""
+    from drivetool.identify.estimate import Exhibit
+
+    y, s, label = found.measured[role], found.simulated[role], role.replace("_", " ")
+    return Exhibit("record", f"{experiment.name}: measured and simulated", "time [s]",
+                   f"{label} [{found.unit(role)}]", {
+                       "measured": (found.time, y), "simulated": (found.time, s), "residual": (found.time, y - s),
+                       f"torque [{found.torque_unit}]": (found.time, found.inputs["motor_torque"])})

@@ -1,0 +1,46 @@
+"""drivetool trend."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from drivetool.cli.options import Job, check_outputs, common as cli
+from drivetool.cli.output import deliver, guarded
+from drivetool.errors import BadOption
+
+HELP = ("What changed over the recordings of a site. Per machine and parameter: the mean with the scatter within a "
+        "day and between days, the drift, steps, and alarms with their dates.")
+EXAMPLE = "drivetool trend site/summary.parquet --out trends.yaml"
+ALARM = 5.0  # as the trends have it, which import too slowly for a help text
+
+Summary = Annotated[str, typer.Argument(
+    metavar="SUMMARY", help="Summary of a site, one row per recording, step and parameter, as Parquet.")]
+Alarm = Annotated[float, typer.Option(
+    "--alarm", metavar="RATIO", min=1.0, help="Size of a change from which on it is an alarm, in standard "
+    "deviations of the runs before it.")]
+
+
+def command(
+    summary: Summary, alarm: Alarm = ALARM, out: cli.Out = None, json: cli.Json = False, plot: cli.Plot = None,
+    strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("trend", (), more=(summary,), out=out, json=json, plot=plot, strict=strict, debug=debug, quiet=quiet)
+    guarded("trend", lambda: run(job, summary, alarm), debug, quiet)
+
+
+def run(job: Job, summary: str, alarm: float) -> int:
+    """Read, look, deliver; the exit code."""
+    from drivetool.logs.formats import read_summary
+    from drivetool.site.trends import exhibits_of, summary_input, trends_file, trends_of
+
+    if not math.isfinite(alarm):
+        raise BadOption("a number for --alarm", str(alarm), "Write for example '--alarm 5'.")
+    check_outputs(job)
+    findings, found = trends_of(read_summary(summary), alarm)
+    exhibits, machines = exhibits_of(found)
+    file = trends_file(findings, found, {"alarm": alarm}, [summary_input(summary)])
+    return deliver(job, file, exhibits, names=machines)

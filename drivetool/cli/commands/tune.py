@@ -1,0 +1,204 @@
+"""drivetool tune."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from drivetool.cli.options import Job, as_set, check_outputs, common as cli
+from drivetool.cli.output import deliver, guarded
+from drivetool.errors import BadOption, BadParameters, nearest
+from drivetool.files.yaml import units
+
+if TYPE_CHECKING:
+    from drivetool.drive import Drive
+    from drivetool.files.yaml import Loaded
+    from drivetool.tune import TuneOptions
+
+HELP = ("Settings of the speed controller. PI for load-torque steps under a limit of the sensitivity, "
+        "with margins and what uncertainty and backlash do to them.")
+EXAMPLE = 'drivetool tune -p backlash.yaml --converter "433,0.69,2 ms" --out gains.yaml'
+
+
+class Form(StrEnum):
+    """How the dead time enters."""
+
+    exact = "exact"
+    zero = "zero"
+
+
+def _option(*names: str, help: str, **more):
+    return typer.Option(*names, help=help, **more)
+
+
+Params = Annotated[list[str], _option(
+    "--params", "-p", metavar="FILE", help="Parameter file of an earlier step or by hand; several merge, later "
+    "wins; - reads standard input.")]
+Map = Annotated[str | None, _option(
+    "--map", "-m", metavar="FILE", help="Channel map; says whether a shaft torque is measured.")]
+Converter = Annotated[str | None, _option(
+    "--converter", metavar="BANDWIDTH[,DAMPING[,DEAD_TIME]]",
+    help="Torque path, with units if not rad/s and s: '433,0.69,2 ms'. What is left out is as in the parameter "
+    "file; a dead time that neither states counts as none.")]
+Criterion = Annotated[str, _option("--criterion", metavar="NAME", help="IAE, ISE, IE, ITSE, IT2SE ...")]
+Sensitivity = Annotated[float, _option("--max-sensitivity", metavar="MS", help="Largest sensitivity, above 1.")]
+MaxGain = Annotated[str | None, _option(
+    "--max-gain", metavar="KP", help="Largest Kp, in the drive's unit; for a speed signal that is noisy.")]
+Weight = Annotated[list[str] | None, _option(
+    "--weight", metavar="SIGNAL=W", help="Weight in the criterion of load_speed (1), motor_speed or "
+    "motor_torque (0); repeatable.")]
+Configuration = Annotated[list[str] | None, _option(
+    "--configuration", metavar="NAME", help="siso, miso or mimo; repeatable. Default: all that fit the drive.")]
+Motors = Annotated[str | None, _option(
+    "--motors", metavar="NAMES", help="Driven bodies, separated by commas. Default: those called motor...")]
+Filter = Annotated[str | None, _option(
+    "--speed-filter", metavar="TIME", help="Time constant of the controller's filter of the speed: '2 ms'. It "
+    "stands in series with the sensor.bandwidth of the parameter file.")]
+Speed = Annotated[str | None, _option(
+    "--speed", metavar="SPEED", help="Working speed of the first motor, at which friction is linearised: "
+    "'1500 rpm'. Default: slow motion forward.")]
+DeadTime = Annotated[Form, _option(
+    "--dead-time", help="exact, or zero: the printed 1 - s td/2 of Tallfors 2005, half the delay.")]
+Confidence = Annotated[float | None, _option(
+    "--confidence", metavar="P", help="Hold the sensitivity in this share of the drives that the covariance "
+    "allows, for example 0.95.")]
+DrawCount = Annotated[int, _option("--draws", metavar="N", min=20, max=100000, help="Of the covariance.")]
+PerUnit = Annotated[bool, _option("--per-unit", help="Table per unit; needs ratings in a parameter file.")]
+
+
+def command(
+    params: Params, converter: Converter = None, criterion: Criterion = "IAE",
+    max_sensitivity: Sensitivity = 2.0, max_gain: MaxGain = None, weight: Weight = None,
+    configuration: Configuration = None, motors: Motors = None, speed_filter: Filter = None,
+    speed: Speed = None, dead_time: DeadTime = Form.exact, confidence: Confidence = None,
+    draws: DrawCount = 200, map: Map = None,
+    set: cli.Set = None, seed: cli.Seed = 1, per_unit: PerUnit = False, out: cli.Out = None, json: cli.Json = False,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False, quiet: cli.Quiet = False,
+) -> None:
+    """See HELP."""
+    job = Job("tune", (), params, map, None, set or (), out, json, plot, strict, debug, quiet)
+    words = {
+        "criterion": criterion, "max_sensitivity": max_sensitivity, "max_gain": max_gain,
+        "weight": list(weight or ()), "converter": converter,
+        "configuration": list(configuration or ()), "motors": motors,
+        "speed_filter": speed_filter, "speed": speed, "dead_time": dead_time.value,
+        "confidence": confidence, "draws": draws,
+        "seed": seed, "set": list(set or ()), "per_unit": per_unit}
+    guarded("tune", lambda: run(job, words), debug, quiet)
+
+
+def run(job: Job, words: dict[str, object]) -> int:
+    """Read, design, deliver; the exit code."""
+    from drivetool.files.results import gains_file
+    from drivetool.files.yaml import load_parameters
+    from drivetool.tune import tune
+
+    check_outputs(job)
+    loaded = load_parameters(job.params)
+    drive = loaded.drive()
+    drive = as_set(drive, job.set)
+    drive = _with_converter(drive, words["converter"])
+    gains = tune(drive, _options(job, words, drive, loaded), draw_pictures=bool(job.plot))
+    return deliver(job, gains_file(gains, loaded.inputs, words), gains.exhibits, bool(words["per_unit"]))
+
+
+def _options(job: Job, words: dict[str, object], drive: Drive, loaded: Loaded) -> TuneOptions:
+    """What the words and files ask for."""
+    from drivetool.tune import Ratings, TuneOptions, gain_unit
+    from drivetool.tune.optimisation import Limits, criterion
+
+    rated = loaded.ratings(drive)
+    if words["per_unit"] and rated is None:
+        raise BadParameters(
+            "ratings for per-unit figures", "none in the parameter files",
+            "Add 'ratings: {torque: {value: 100, unit: Nm}, speed: {value: 1500, unit: rpm}}' to one.")
+    wait = words["speed_filter"]
+    gain, speed = words["max_gain"], words["speed"]
+    return TuneOptions(
+        criterion=criterion(str(words["criterion"]), _weights(words["weight"])),
+        limits=Limits(float(words["max_sensitivity"]),
+                      float("inf") if gain is None else _number(gain, gain_unit(drive), "--max-gain")),
+        configurations=_configurations(words["configuration"]),
+        motors=tuple(m.strip() for m in words["motors"].split(",")) if words["motors"] else None,
+        speed_filter=loaded.speed_filter if wait is None else _time(wait),
+        speed=0.0 if speed is None else _speed(speed, drive),
+        dead_time=words["dead_time"], shaft_torque=_shaft_torque(job, loaded), confidence=words["confidence"],
+        draws=words["draws"], seed=words["seed"], known=loaded.covariance(drive), stds=loaded.stds(drive),
+        ratings=rated and Ratings(*rated))
+
+
+def _configurations(names: Sequence[str]) -> tuple | None:
+    """The configurations asked for, in their usual order."""
+    known = ("siso", "miso", "mimo")
+    for name in names:
+        if name not in known:
+            raise BadOption("siso, miso or mimo after --configuration", f"'{name}'", nearest(name, known))
+    return tuple(name for name in known if name in names) or None
+
+
+def _weights(words: Sequence[str]) -> dict[str, float]:
+    """'motor_torque=1e-4' as signal and weight."""
+    found = {}
+    for word in words:
+        name, _, number = word.partition("=")
+        try:
+            found[name.strip()] = float(number)
+        except ValueError:
+            raise BadOption("SIGNAL=W after --weight", f"'{word}'",
+                            "Write for example '--weight motor_torque=1e-4'.") from None
+    return found
+
+
+def _with_converter(drive: Drive, text: object) -> Drive:
+    """The drive with the torque path of --converter."""
+    if text is None:
+        return drive
+    parts = [part.strip() for part in str(text).split(",")]
+    if not 1 <= len(parts) <= 3:
+        raise BadOption("BANDWIDTH[,DAMPING[,DEAD_TIME]] after --converter", f"'{text}'",
+                        "Write for example '--converter 433,0.69,0.002'.")
+    names = ("bandwidth", "damping", "dead_time")
+    units = ("rad/s", "", "s")
+    return drive.with_values({
+        f"converter.{name}": _number(part, unit, "--converter")
+        for name, unit, part in zip(names, units, parts, strict=False)})
+
+
+def _time(text: object) -> float:
+    """A time of zero or more."""
+    value = _number(text, "s", "--speed-filter")
+    if not 0.0 <= value < 1e3:
+        raise BadOption("a filter time of zero or more after --speed-filter", f"{value:g} s", "Correct it.")
+    return value
+
+
+def _speed(text: object, drive: Drive) -> float:
+    """A working speed in the drive's unit."""
+    unit = f"{drive.motion_unit}/s"
+    value = _number(text, unit, "--speed")
+    if not abs(value) < 1e6:
+        raise BadOption("a working speed after --speed", f"{value:g} {unit}", "Correct it.")
+    return value
+
+
+def _number(text: object, wanted: str, option: str) -> float:
+    """'2 ms' in the wanted unit."""
+    number, _, unit = str(text).strip().partition(" ")
+    try:
+        value = float(number)
+    except ValueError:
+        raise BadOption(f"a number after {option}, with a unit if it is not {wanted or 'plain'}", f"'{text}'",
+                        "Correct it.") from None
+    return value * (units.factor(unit.strip(), wanted, option) if unit else 1.0)
+
+
+def _shaft_torque(job: Job, loaded: Loaded) -> bool:
+    """Whether a shaft torque is measured: by the channel map, or by the noise an estimator found."""
+    from drivetool.files.yaml import load_channel_map
+
+    channel_map = load_channel_map(job.map)
+    mapped = channel_map is not None and "shaft_torque" in channel_map.roles
+    return mapped or "sensor_std.shaft_torque" in loaded.noise

@@ -1,0 +1,165 @@
+"""drivetool validate."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drivetool.cli.options import (
+    BETWEEN,
+    OPTION,
+    Job,
+    common as cli,
+    differing,
+    drive_for,
+    findings,
+    noted,
+    only_stated,
+    open_all,
+    start_of,
+)
+from drivetool.cli.output import deliver, draw_recordings, guarded, say
+from drivetool.cli.parts import COAST_DOWN, judged_by, on_run_downs, replay_gains, with_decay
+from drivetool.errors import BadOption, DriveToolError
+
+if TYPE_CHECKING:
+    from drivetool.check.validation import ValidateOptions
+    from drivetool.cli.options import Opened
+    from drivetool.drive import Drive
+    from drivetool.files.shapes import ParameterFile
+    from drivetool.logs import Experiment
+
+HELP = ("Check models on records not seen. Simulated fit, residuals, cross table; "
+        "every --params file is a model of its own.")
+EXAMPLE = "drivetool validate other.parquet --params backlash.yaml --min-fit 95"
+
+Segment = Annotated[float, typer.Option(
+    "--segment", metavar="S", min=0.0,
+    help="Length in s of the free runs, each with start states of its own; 0: one free run.")]
+
+GainsPath = Annotated[str | None, typer.Option(
+    "--gains", metavar="FILE", help="Gains that tune wrote: replay the closed loop on a record of a load step.")]
+Configuration = Annotated[str | None, typer.Option(
+    "--configuration", metavar="NAME", help="Which design of the gains file; default the best.")]
+
+
+def command(
+    logs: cli.Logs, params: cli.Models, map: cli.Map = None, condition: cli.Condition = None,
+    drive: cli.DriveName = None,
+    min_fit: cli.MinFit = None, max_correlation: cli.MaxCorrelation = 0.15,
+    criterion: cli.CheckCriterion = cli.CheckCriterionName.simulation,
+    segment: Segment = 0.0, flux_decay: cli.FluxDecay = None,
+    start: cli.Start = None, record: cli.Record = None, seed: cli.Seed = 1,
+    out: cli.Out = None, json: cli.Json = False,
+    gains: GainsPath = None, configuration: Configuration = None,
+    plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
+    quiet: cli.Quiet = False,
+) -> None:
+    """Each --params file is a model of its own; see HELP."""
+    job = Job("validate", logs, params, map, drive, (), out, json, plot, strict, debug, quiet, condition or (),
+              (gains,) if gains else (), start or (), record or ())
+
+    def work() -> int:
+        from drivetool.check.validation import ValidateOptions
+
+        asked = ValidateOptions(min_fit, max_correlation, segment, seed, criterion=criterion.value,
+                                flux_decay=flux_decay)
+        return run(job, asked) if gains is None else run_gains(job, asked, gains, configuration)
+
+    guarded("validate", work, debug, quiet)
+
+
+def run_gains(job: Job, options: ValidateOptions, gains: str, configuration: str | None) -> int:
+    """Replay tuned gains; the exit code."""
+    from drivetool.files.results import validation_file
+    from drivetool.tune.simulation import COMPARED
+
+    for option, words in (("--start", job.start), ("--record", job.record)):
+        if words:
+            raise BadOption(f"{option} or --gains", "both", "A closed loop begins as the record does.")
+    if options.criterion != "simulation" or options.flux_decay is not None:
+        other = "--flux-decay" if options.criterion == "simulation" else f"--criterion {options.criterion}"
+        raise BadOption(f"{other} or --gains", "both", "A closed loop is replayed by simulation.")
+    opened = open_all(job)
+    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
+    opened, drives = _of_models(opened, [drive_for(job, opened, one) for one in each], False)
+    models = [(one.sources[0].name, one.sources[0].sha256, drive) for one, drive in zip(each, drives, strict=True)]
+    validation, entry = replay_gains(opened.experiments, models, gains, configuration, options)
+    used = _used(options) | {"gains": entry[0], "configuration": configuration}
+    validation = replace(validation, options=noted(job, used), findings=findings(
+        opened, validation.findings, {*COMPARED, "load_torque"}, models[0][2], job.step))
+    return deliver(job, validation_file(validation, (*opened.inputs, entry)), validation.exhibits)
+
+
+def _of_models(opened: Opened, drives: Sequence[Drive], off_too: bool) -> tuple[Opened, list[Drive]]:
+    """What was opened with inputs in A, V or % as torques, and the drives that know by what constants.
+
+    off_too  whether stretches in which an induction motor has no supply are kept
+    """
+    from drivetool.identify.setup import for_models
+
+    experiments, known = for_models(opened.experiments, drives, off_too)
+    return replace(opened, experiments=experiments), known
+
+
+def _seen(file: ParameterFile, experiments: Sequence[Experiment]) -> list[str]:
+    """sha256 of the recordings that a fit has seen, but for those of which other parts were kept for it."""
+    from drivetool.logs.conditioning import kept, parse_step
+
+    parts = kept([parse_step(str(text)) for text in file.options.get("condition", ())])
+    apart = {e.sha256 for e in experiments
+             if not any(max(first, e.time[a]) < min(last, e.time[b - 1])
+                        for a, b in e.segments for first, last in parts)}
+    return [entry.sha256 for entry in file.data if entry.sha256 not in apart]
+
+
+def _used(options: ValidateOptions) -> dict[str, Any]:
+    """The options as the file notes them, what only a coast-down has where it was one."""
+    return {name: value for name, value in asdict(options).items() if name != "flux_decay" or value is not None}
+
+
+def run(job: Job, options: ValidateOptions) -> int:
+    """Open, check, deliver; the exit code."""
+    from drivetool.check.validation import validate, validate_torque
+    from drivetool.files.results import validation_file
+    from drivetool.identify.channels import used_by
+
+    opened = open_all(job)
+    options = judged_by(opened, options)
+    each = [replace(opened.loaded, sources=(source,)) for source in opened.loaded.sources]
+    apart = [only_stated(differing(job, opened.experiments, drive_for(job, opened, one)), job.step) for one in each]
+    opened, drives = _of_models(opened, [found.drive for found in apart], options.criterion == COAST_DOWN)
+    models = [(one.sources[0].name, drive, one.noise) for one, drive in zip(each, drives, strict=True)]
+    known = [one.covariance(drive) for one, (_, drive, _) in zip(each, models, strict=True)]
+    options = with_decay(replace(options, start=replace(start_of(job.start, models[0][1]),
+                                                       records=apart[0].starts)), drives)
+    fitted_on = [_seen(source.file, opened.experiments) for source in opened.loaded.sources]
+    more: dict[str, Any] = {"fitted_on": fitted_on} if any(fitted_on) else {}  # unknown for files written by hand
+    try:
+        if options.criterion == COAST_DOWN:
+            validation = on_run_downs(opened, drives, options, fitted_on, known)
+        elif options.criterion == "inverse":
+            validation = validate_torque(opened.experiments, [(n, d) for n, d, _ in models], options, **more)
+        else:
+            more |= {"known": known} if any(known) else {}
+            validation = validate(opened.experiments, models, options, **more)
+    except DriveToolError:
+        draw_recordings(job, opened.experiments)
+        raise
+    used = _used(options) | dict(validation.options)
+    taken = {role for _, drive, _ in models
+             for role in used_by(job.step, opened.experiments, drive, options.criterion)}
+    validation = replace(validation, options=noted(job, used, apart[0].words),
+                         findings=findings(opened, validation.findings, taken, models[0][1], job.step))
+    code = deliver(job, validation_file(validation, opened.inputs), validation.exhibits)
+    if not job.quiet and validation.unexplained:
+        words = ["drivetool", "diagnose", *job.logs, "--params", job.params[0]]
+        words += ["--map", job.map] if job.map else []
+        words += [word for step in job.condition for word in ("--condition", step)]
+        words += [word for pair in job.record for word in (OPTION, *pair.split(BETWEEN))]
+        say("validate", f"what is left over has a cause; run diagnose: {shlex.join(words)}")
+    return code

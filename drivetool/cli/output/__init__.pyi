@@ -1,0 +1,17 @@
+from .delivery import (
+    deliver as deliver,
+    draw as draw,
+    draw_recordings as draw_recordings,
+    print_findings as print_findings,
+    print_table as print_table,
+    show_entries as show_entries,
+)
+from .outcomes import (
+    DONE as DONE,
+    MISSED as MISSED,
+    USAGE as USAGE,
+    exit_code as exit_code,
+    guarded as guarded,
+    put as put,
+    say as say,
+)

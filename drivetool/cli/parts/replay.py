@@ -1,0 +1,88 @@
+"""`validate --gains`: the tuned loop on records of load steps, as checks like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from drivetool.errors import Finding
+
+if TYPE_CHECKING:
+    from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
+    from drivetool.drive import Drive
+    from drivetool.errors import Finding
+    from drivetool.identify.estimate import Exhibit
+    from drivetool.logs import Experiment
+    from drivetool.tune.simulation import LoopReplay
+
+NAN = float("nan")
+
+
+def replay_gains(experiments: Sequence[Experiment], models: Sequence[tuple[str, str, Drive]], path: str,
+                 configuration: str | None, options: ValidateOptions) -> tuple[Validation, tuple[str, str]]:
+    """Every drive with these gains on every record.
+
+    models   (file name, sha256, drive)
+    path     of the gains file
+    returns  (Validation, (name, sha256) of the gains file)
+    """
+    from drivetool.check.validation import Validation
+    from drivetool.files.results import controller, load_gains
+    from drivetool.tune.simulation import replay_load_step
+    from drivetool.tune.speed_loop import build
+
+    name, digest, file = load_gains(path)
+    wiring, settings = controller(file, name, configuration)
+    checks: list[RecordCheck] = []
+    exhibits: list[Exhibit] = []
+    found: list[Finding] = []
+    tuned_on = {entry.sha256 for entry in file.inputs}
+    for model, sha256, drive in models:
+        if sha256 not in tuned_on:
+            found.append(_another(model, name, [entry.file for entry in file.inputs]))
+        loop = build(drive, wiring)
+        for experiment in experiments:
+            run = replay_load_step(loop, settings, experiment)
+            checks += [_check(model, experiment, run, role, options) for role in run.measured]
+            exhibits.append(_exhibit(model, experiment, run))
+    missed = [c for c in checks if not c.passed]
+    verdict = f"Replayed {name} on {', '.join(dict.fromkeys(c.file for c in checks))}: " + (
+        f"{len(missed)} of {len(checks)} signals missed a bar." if missed else
+        "every bar that was set is met." if options.min_fit is not None else "no bar was set.")
+    data = tuple(e.source for e in experiments)
+    return Validation(tuple(checks), verdict, tuple(found), data, {}, tuple(exhibits)), (name, digest)
+
+
+def _check(model: str, experiment: Experiment, run: LoopReplay, role: str, options: ValidateOptions) -> RecordCheck:
+    """One signal; residual tests need an open loop and are not made."""
+    import numpy as np
+
+    from drivetool.check.validation import RecordCheck
+
+    y = run.measured[role][np.isfinite(run.measured[role])]
+    wide, total = float(np.ptp(y)), float(np.sum((y - y.mean()) ** 2))
+    unit = experiment.torque_unit if role.endswith("torque") else f"{experiment.motion_unit}/s"
+    fit, rmse = run.fits[role], run.rmse[role]
+    return RecordCheck(
+        model, experiment.name, role, unit, fit, None, rmse, rmse / wide if wide else NAN,
+        1.0 - rmse**2 * len(y) / total if wide and total else NAN, len(y), NAN, NAN, NAN, NAN, None,
+        options.min_fit is None or fit >= options.min_fit)
+
+
+def _exhibit(model: str, experiment: Experiment, run: LoopReplay) -> Exhibit:
+    """Measured over simulated motor speed, with the load torque."""
+    from drivetool.identify.estimate import Exhibit, fit_words
+
+    y, s = run.measured["motor_speed"], run.simulated["motor_speed"]
+    return Exhibit(
+        "record",
+        f"{experiment.name}, model {model}: tuned loop replayed, fit {fit_words(run.fits['motor_speed'], '.1f')}",
+        "time [s]", f"motor speed [{experiment.motion_unit}/s]", {
+            "measured": (run.time, y), "simulated": (run.time, s), "residual": (run.time, y - s),
+            f"torque of the load [{experiment.torque_unit}]": (run.time, run.load)})
+
+
+def _another(model: str, gains: str, files: Sequence[str]) -> Finding:
+    return Finding("note", "tuned-for-another-file",
+                   f"{gains} was tuned for {', '.join(files)}, not for {model} as it is now.", {},
+                   "Tune again if the parameters have changed.")

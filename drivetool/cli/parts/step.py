@@ -1,0 +1,121 @@
+"""The command of an estimator; each one's own file only names it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from drivetool.cli.options import (
+    Job,
+    as_usage,
+    common as cli,
+    differing,
+    drive_for,
+    findings,
+    noted,
+    open_all,
+    start_of,
+    windows_of,
+    with_torques,
+)
+from drivetool.cli.output import deliver, draw_recordings, guarded
+from drivetool.errors import BadOption, DriveToolError
+
+if TYPE_CHECKING:
+    from drivetool.identify.estimate import Estimate
+    from drivetool.identify.setup import Options
+
+    Estimator = Callable[..., Estimate]
+
+
+OF_ONE_STEP = ("structure", "order", "noise_order", "weighting", "band", "method", "flux_decay",
+               "stages")
+
+
+def estimator_command(step: str, load: Callable[[], Estimator], own: Mapping[str, tuple] = MappingProxyType({}),
+                      ) -> Callable[..., None]:
+    """A typer command around an estimator.
+
+    step  name of the command
+    load  imports the estimator and returns it; called only when the command runs
+    own   options that only this command has, or has in its own way: field of Options -> (annotation, default)
+    """
+    def command(
+        logs: cli.Logs, params: cli.Params = None, map: cli.Map = None, condition: cli.Condition = None,
+        drive: cli.DriveName = None,
+        hold: cli.Hold = None, free: cli.Free = None, set: cli.Set = None,
+        criterion: cli.Criterion = cli.CriterionName.auto, segment: cli.Segment = None,
+        starts: cli.Starts = None, seed: cli.Seed = 1, out: cli.Out = None, json: cli.Json = False,
+        plot: cli.Plot = None, strict: cli.Strict = False, debug: cli.Debug = False,
+        quiet: cli.Quiet = False, **more: object,
+    ) -> None:
+        job = Job(step, logs, params or (), map, drive, set or (), out, json, plot, strict, debug, quiet,
+                  condition or (), start=more.pop("start", None) or (), record=more.pop("record", None) or (),
+                  stages=more.pop("stages", None) or "")
+
+        def work() -> int:
+            from drivetool.identify.setup import Options
+
+            return run(job, load(), Options(
+                tuple(hold or ()), tuple(free or ()), criterion.value, starts, segment, seed,
+                **{name: getattr(value, "value", value) for name, value in more.items()}))
+
+        guarded(step, work, debug, quiet)
+
+    return _with_options(command, own)
+
+
+def _with_options(command: Callable[..., None], own: Mapping[str, tuple]) -> Callable[..., None]:
+    """The command with the signature that typer is to see: **more spelled out."""
+    signature = inspect.signature(command, eval_str=True)
+    shown = {name: p for name, p in signature.parameters.items() if p.kind is not p.VAR_KEYWORD}
+    for name, (annotation, default) in own.items():
+        shown[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default,
+            annotation=annotation)
+    every = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in shown.values()]
+    command.__signature__ = signature.replace(parameters=every)
+    command.__annotations__ = {name: p.annotation for name, p in shown.items()}
+    return command
+
+
+def run(job: Job, estimator: Estimator, options: Options) -> int:
+    """Open, estimate, deliver; the exit code."""
+    from drivetool.files.results import estimate_file
+    from drivetool.identify.channels import used_by
+    from drivetool.identify.setup import Options
+    from drivetool.identify.shaft_torque import check_shaft_torque
+    from drivetool.logs import no_copies
+
+    if job.record and job.step == "steady" and options.method != "coast-down":
+        raise BadOption("--method coast-down with --record of steady", f"--method {options.method}",
+                        "Say so, or leave it out: other methods take recordings as alike.")
+    opened = open_all(job)
+    no_copies(opened.experiments)
+    apart = differing(job, opened.experiments, drive_for(job, opened, free=options.free))
+    opened, drive = with_torques(opened, apart.drive, (*options.free, *apart.free), job.step == "steady")
+    with as_usage():
+        for name in (*options.hold, *options.free):
+            if name != "all":
+                drive.quantity(name)
+    check_shaft_torque(opened.experiments, drive)
+    options = replace(options, free=(*options.free, *apart.free),
+                      known=opened.loaded.covariance(drive, single=True),
+                      start=replace(start_of(job.start, drive), records=apart.starts),
+                      stages=windows_of(job.stages, drive.motion_unit))
+    try:
+        estimate = estimator(opened.experiments, drive, options)
+    except DriveToolError:
+        draw_recordings(job, opened.experiments)
+        raise
+    used = asdict(replace(options, known=None)) | dict(estimate.options) | {"set": list(job.set)}
+    plain = asdict(Options())  # of what only one step has, the file says what was asked for
+    used |= {"stages": job.stages} if job.stages else {}
+    used = {name: value for name, value in used.items()
+            if name != "known" and not (name in OF_ONE_STEP and value == plain[name])}
+    estimate = replace(estimate, options=noted(job, used, apart.words),
+                       findings=findings(opened, estimate.findings, used_by(
+                           job.step, opened.experiments, drive, options.criterion), drive, job.step, options))
+    return deliver(job, estimate_file(estimate, opened.inputs, opened.loaded.carried), estimate.exhibits)

@@ -1,0 +1,191 @@
+"""The machine code of the kernel: compiled once, kept in a folder, and loaded without the compiler.
+
+To load the compiler, and what it keeps by itself, takes longer than most fits do.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+from llvmlite import binding as llvm
+
+from drivetool.drive.arrays import MADE_FOR, MOST_LAWS, MOST_STATES
+from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, write_whole
+from drivetool.errors import DriveToolError
+from drivetool.progress import counted
+
+KERNEL = "drivetool.drive.kernel"  # where the files of the parts are
+
+# The parts, file and name: the first group that has a part which is needed is compiled as far as it is not whole
+# yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
+# Two lines, for a third on two cores keeps one of them from the longest.
+STEP = ("events.rough_step", "modes.work_out")
+GROUPS = (
+    *(((f"run.run{size}", f"filter.kalman{size}"), STEP) for size in ("", *(f"_{n}" for n in MADE_FOR))),
+    (("run.run_laws", "smooth.law_motion", "smooth.law_columns", "smooth_events.law_rough_step",
+      "smooth_events.show"),
+     ("filter.kalman_laws", "filter.spread", "filter.join", "smooth.law_transition", "laws.law_torque",
+      "modes.work_out")),
+    (("events.switch_late",),),
+    *(((f"filter.spread_{n}", f"filter.join_{n}"),) for n in MADE_FOR),
+    *(((f"smooth_sized.law_columns_{n}_{nl}",),
+       (f"smooth_sized.law_motion_{n}_{nl}", f"smooth_sized.law_transition_{n}_{nl}"))
+      for n in range(1, MOST_STATES + 1) for nl in range(1, MOST_LAWS + 1)),
+)
+# Arguments of the parts that Python calls: tables, then numbers.
+NUMBERS = {"run": 1, "kalman": 2}
+DIGEST = hashlib.sha256().digest_size
+AT_ONCE = min(os.cpu_count() or 1, 4)  # compilers beside one another; each takes up to 400 MB
+
+_lock = threading.Lock()
+
+
+def prepare(names: Iterable[str] | None = None) -> None:
+    """Compile the groups of these parts, or all, as far as a part is missing or damaged.
+
+    names   of parts, as `address` takes them; None for all
+    raises  DriveToolError: a part cannot be compiled or kept
+    """
+    groups = GROUPS if names is None else [_group_of(name) for name in names]
+    lines = dict.fromkeys(line for group in groups for line in group)
+    if not _missing(lines):
+        return
+    folder().mkdir(PRIVATE, parents=True, exist_ok=True)  # whoever clears caches may have removed it meanwhile
+    with only_here():
+        missing = _missing(lines)  # another process may have compiled them meanwhile
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            for _ in counted("first use: the kernel is compiled", pool.map(_compile, missing), len(missing)):
+                pass
+
+
+def _group_of(name: str) -> tuple[tuple[str, ...], ...]:
+    return next(g for g in GROUPS if any(part.endswith(f".{name}") for line in g for part in line))
+
+
+def _missing(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
+    """What of each line is to be compiled, every part once."""
+    seen, found = set(), []
+    for line in lines:
+        found.append([part for part in line if part not in seen and whole(part.partition(".")[2]) is None])
+        seen.update(line)
+    return [line for line in found if line]
+
+
+def _compile(parts: list[str]) -> None:
+    """Compile parts in a process of their own."""
+    # From the current folder Python imports first, and Numba takes settings: it is one that holds neither.
+    done = subprocess.run([sys.executable, "-m", f"{__package__}.build", str(folder()), *parts],
+                          capture_output=True, text=True, env=_environment(), cwd=folder())
+    if done.returncode != 0:
+        last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise DriveToolError(f"the kernel, compiled in {folder()}", last,
+                             "Install drivetool's requirements again; is there room on the disk?")
+
+
+@contextmanager
+def only_here() -> Iterator[None]:
+    """Of processes that start together one compiles, and the others find it done.
+
+    Where files cannot be locked each does it for itself, which does no harm.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            fcntl.flock(stack.enter_context((folder() / "lock").open("a")), fcntl.LOCK_EX)
+        yield
+
+
+def _environment() -> dict[str, str]:
+    """This process's, with the places it imports from, and nothing by which the code of a part could differ.
+
+    Some of Numba's settings change code, and it writes names in the order of sets, which Python's seed decides.
+    """
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    return {**plain, "PYTHONHASHSEED": "0", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+
+
+@cache
+def _engine() -> llvm.ExecutionEngine:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(jit=True)
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+
+
+_addresses: dict[str, int] = {}
+
+
+def address(name: str) -> int:
+    """Where a part of the kernel lies in memory; compiled with its group if it has not been yet."""
+    if name not in _addresses:
+        with _lock:
+            if name not in _addresses:
+                _addresses[name] = _loaded(name)
+    return _addresses[name]
+
+
+def _loaded(name: str) -> int:
+    code = whole(name)
+    if code is None:
+        prepare([name])
+        code = whole(name)
+    if code is None:
+        raise DriveToolError(f"the machine code of {name} in {folder()}", "a damaged file as soon as it is written",
+                             "Is the disk sound? Set NUMBA_CACHE_DIR to a folder on another.")
+    engine = _engine()
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine.get_function_address(symbol(name))
+
+
+def object_file(name: str) -> Path:
+    """Where the machine code of a part is kept: the object file, and a digest behind it."""
+    return folder() / f"{name}.o"
+
+
+def store(place: Path, name: str, code: bytes) -> None:
+    """Keep the machine code of a part in a folder, as a whole or not at all."""
+    file = place / f"{name}.o"
+    if file.is_dir() and not file.is_symlink():  # not ours: it is moved out of the way
+        os.replace(file, tempfile.mkdtemp(prefix=f"{file.name}-", dir=place))
+    write_whole(file, code + _digest(place, name, code))
+
+
+def whole(name: str) -> bytes | None:
+    """The machine code of a part; None if it is missing, damaged, or another's."""
+    kept = read_regular(object_file(name))
+    if kept is None:
+        return None
+    code, digest = kept[:-DIGEST], kept[-DIGEST:]
+    return code if digest == _digest(folder(), name, code) else None
+
+
+def _digest(place: Path, name: str, code: bytes) -> bytes:
+    """Of the code and what it is: a file of another part, or of another version's folder, is not whole either."""
+    return hashlib.sha256(f"{place.name}/{name}\n".encode() + code).digest()
+
+
+def symbol(name: str) -> str:
+    """What a part is called in its object file."""
+    return f"drivetool_{name}"
+
+
+@cache
+def function(name: str):
+    """A part that Python calls, with addresses of tables first and numbers then; other threads go on meanwhile."""
+    kind, _, made_for = name.partition("_")
+    tables, numbers = (4 if made_for == "laws" else 3), NUMBERS[kind]
+    kinds = [ctypes.c_void_p] * tables + [ctypes.c_double] * numbers
+    return ctypes.CFUNCTYPE(ctypes.c_int64, *kinds)(address(name))

@@ -1,0 +1,132 @@
+"""All that the kernel takes from Numba beyond its documented interface.
+
+No other file imports from numba.core or numba.np, or calls a method of Numba's contexts. A version of Numba may
+change any of this without notice: a test names each, and the bounds in pyproject.toml stand for what it passed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from llvmlite import ir
+from numba import config, njit, types
+from numba.core import cgutils, codegen
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.compiler import Compiler
+from numba.core.typing.templates import AttributeTemplate
+from numba.np.arrayobj import populate_array
+
+from drivetool.drive.compile.code_folder import folder, read_regular, write_whole
+
+__all__ = ["AttributeTemplate"]  # for who describes attributes of a type
+
+# Options of numba.njit that its manual does not list.
+NO_COUNTS = {"_nrt": False}
+NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INLINE = {"forceinline": True}
+
+
+class Apart(Compiler):
+    """Compiles a function whose arrays do not overlap."""
+
+    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals):
+        flags.noalias = True
+        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+
+
+class Sealed(IndexDataCacheFile):
+    """Compiled code of one function, by signature, in one file behind a digest.
+
+    Numba's own two files are unpickled as they are: damaged ones end the process, or run code of another function.
+    """
+
+    def flush(self):
+        write_whole(self._place(), b"")
+
+    def load(self, key):
+        kept = self._entries().get(key)
+        return None if kept is None else pickle.loads(kept)
+
+    def save(self, key, data):
+        content = pickle.dumps((self._version, self._source_stamp, {**self._entries(), key: self._dump(data)}))
+        write_whole(self._place(), self._digest(content) + content)
+
+    def _entries(self) -> dict:
+        """Empty if the file is missing, damaged, another function's, or of other sources."""
+        kept = read_regular(self._place()) or b""
+        size = hashlib.sha256().digest_size
+        if kept[:size] != self._digest(kept[size:]):
+            return {}
+        version, stamp, entries = pickle.loads(kept[size:])
+        return entries if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _digest(self, content: bytes) -> bytes:
+        return hashlib.sha256(f"{folder().name}/{self._index_name}\n".encode() + content).digest()
+
+    def _place(self) -> Path:
+        return Path(self._index_path).with_suffix(".code")
+
+
+def kept_in_folder(function: Callable, **options) -> Callable:
+    """Compile when it is called, and keep the code in the kernel's folder; options as of numba.njit."""
+    chosen, config.CACHE_DIR = config.CACHE_DIR, str(folder())
+    try:
+        kept = FunctionCache(function)
+    finally:
+        config.CACHE_DIR = chosen
+    kept._cache_file = Sealed(kept._cache_path, kept._impl.filename_base, kept._impl.locator.get_source_stamp())
+    compiled = njit(**options)(function)
+    compiled._cache = kept
+    return compiled
+
+
+def leave_to_the_end() -> None:
+    """Let Numba neither optimise nor make machine code function by function: that takes half of the time.
+
+    It is done once for a whole part, by build.py. Nothing that is compiled after this runs in this process.
+    """
+    codegen.CPUCodeLibrary._optimize_final_module = lambda library: None
+    codegen.JITCodeLibrary._finalize_specific = lambda library: None
+    codegen.JITCodeLibrary.get_pointer_to_function = lambda library, name: library._ensure_finalized() or 0
+    codegen.JITCPUCodegen.set_env = lambda self, name, environment: None
+
+
+def value_type(context, kind: types.Type) -> ir.Type:
+    """What LLVM calls values of this type."""
+    return context.get_value_type(kind)
+
+
+def nothing(context):
+    """The value None."""
+    return context.get_dummy_value()
+
+
+def numbers_of(builder: ir.IRBuilder, values) -> list:
+    """The members of a tuple."""
+    return cgutils.unpack_tuple(builder, values)
+
+
+def tuple_of(context, builder: ir.IRBuilder, kind: types.Type, values: Sequence):
+    """A tuple of these members."""
+    return context.make_tuple(builder, kind, values)
+
+
+def first_number(context, builder: ir.IRBuilder, kind: types.Array, array):
+    """The address of an array's first number."""
+    return context.make_array(kind)(context, builder, array).data
+
+
+def shape_of(context, builder: ir.IRBuilder, kind: types.Array, array):
+    """The numbers of rows, columns and so on of an array."""
+    return context.make_array(kind)(context, builder, array).shape
+
+
+def array_of(context, builder: ir.IRBuilder, kind: types.Array, place, shape: Sequence, strides: Sequence,
+             item_bytes: int):
+    """The array that lies at a place, an integer; shape in numbers, strides in bytes."""
+    array = context.make_array(kind)(context, builder)
+    populate_array(array, builder.inttoptr(place, array.data.type), shape, strides, item_bytes, None)
+    return array._getvalue()

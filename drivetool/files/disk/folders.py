@@ -1,0 +1,42 @@
+"""A folder after a command stands for the recordings in it, unless it is one data set by its own metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from drivetool.errors import BadOption
+from drivetool.logs.formats.tables import natural
+
+# What writers of data sets leave beside the parts: Parquet's own summaries, and the mark of a job that has ended.
+OF_A_DATA_SET = ("_metadata", "_common_metadata", "_SUCCESS")
+SUFFIXES = (".parquet", ".mcap")
+
+
+def recordings_in(logs: Sequence[str]) -> list[str]:
+    """The recordings behind words of the command line, those of a folder in the order of their names and numbers.
+
+    raises  BadOption: a folder without recordings, or with folders of recordings: several machines are no one
+            recording's neighbours
+    """
+    return [each for log in logs for each in (_in_folder(Path(log)) if Path(log).is_dir() else [log])]
+
+
+def _in_folder(folder: Path) -> list[str]:
+    if any((folder / mark).exists() for mark in OF_A_DATA_SET):
+        return [str(folder)]
+    found = sorted((p for p in folder.iterdir() if _is_recording(p)), key=natural)
+    below = sorted({p.relative_to(folder).parts[0] for p in folder.rglob("*") if _is_recording(p)}
+                   - {p.name for p in found})
+    if below:
+        raise BadOption(f"recordings of one folder in {folder}", "folders of recordings in it",
+                        f"Name those that belong together, for example {folder / below[0]}.", below)
+    if not found:
+        raise BadOption(f"recordings in the folder {folder}", "none",
+                        "Name a Parquet or MCAP file, or their folder.")
+    return [str(p) for p in found]
+
+
+def _is_recording(path: Path) -> bool:
+    """By its name; hidden files are the file system's own."""
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")

@@ -1,0 +1,162 @@
+"""From tuned gains to the file, and back to what a replay needs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import BadOption
+from drivetool.files.results.result_file import drive_section, file_sections, finding_sections, tool_section
+from drivetool.files.shapes import gains_shapes as shapes
+from drivetool.files.yaml import checked, from_yaml, plain, read_bytes
+from drivetool.tune import Design, Gains, Ratings
+from drivetool.tune.optimisation import SpeedFactors
+from drivetool.tune.speed_loop import SHARE, Settings, Wiring
+
+Inputs = Sequence[tuple[str, str]]
+
+
+def gains_file(gains: Gains, inputs: Inputs = (), options: dict[str, object] | None = None) -> shapes.GainsFile:
+    """The gains file.
+
+    inputs   (name, sha256) of the parameter files
+    options  of the command line, as they were used
+    """
+    asked, drive = gains.options, gains.drive
+    ratings = asked.ratings and {
+        "torque": shapes.Figure(value=asked.ratings.torque, unit=drive.torque_unit),
+        "speed": shapes.Figure(value=asked.ratings.speed, unit=f"{drive.motion_unit}/s")}
+    return shapes.GainsFile(
+        schema=shapes.GAINS_SCHEMA, tool=tool_section(), step="tune", outcome=gains.outcome,
+        drive=drive_section(drive),
+        criterion=shapes.CriterionSection(name=asked.criterion.name, weights=dict(asked.criterion.weights)),
+        constraint=shapes.ConstraintSection(
+            max_sensitivity=float(asked.limits.sensitivity), max_gain=_finite(asked.limits.gain),
+            confidence=asked.confidence),
+        best=gains.best.wiring.configuration,
+        designs=[_design(drive, design, gains) for design in gains.designs],
+        findings=finding_sections(gains.findings), inputs=file_sections(inputs), ratings=ratings,
+        options=plain(options or {}))
+
+
+def load_gains(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, str, shapes.GainsFile]:
+    """(file name, sha256, content) of a gains file.
+
+    raises  BadParameters: not a gains file
+    """
+    name, data = read_bytes(path, stdin)
+    return name, hashlib.sha256(data).hexdigest(), checked.gains_file(from_yaml(data, name), name)
+
+
+def controller(file: shapes.GainsFile, name: str, configuration: str | None = None) -> tuple[Wiring, Settings]:
+    """The wiring and settings of a design: the one asked for, else the best.
+
+    raises  BadOption: the file has no such design
+    """
+    wanted = configuration or file.best
+    found = [d for d in file.designs if d.configuration == wanted]
+    if not found:
+        raise BadOption(f"a {wanted} design in {name}", "none", "Choose another --configuration.",
+                        [d.configuration for d in file.designs])
+    design = found[0]
+    second = design.gains.kp2.value / design.gains.kp.value if design.gains.kp2 else 1.0
+    return (Wiring(design.configuration, tuple(design.motors), design.speed_filter.value, design.dead_time_form),
+            Settings(design.gains.kp.value, design.gains.ti.value, second))
+
+
+def _design(drive: Drive, design: Design, gains: Gains) -> shapes.DesignSection:
+    """One design in SI and per unit."""
+    base, settings, kind = gains.options.ratings, design.settings, design.wiring.configuration
+    unit = f"{drive.torque_unit} s/{drive.motion_unit}"
+
+    def kp(value: float) -> shapes.Figure:
+        per_unit = value * base.speed / base.torque if base else None
+        return shapes.Figure(value=value, unit=unit, per_unit=per_unit, per_unit_unit="p.u." if base else "")
+
+    section = shapes.GainsSection(
+        kp=kp(settings.gain), ti=_seconds(settings.integral_time),
+        kp2=kp(settings.second * settings.gain) if kind == "miso" else None,
+        ti2=_seconds(settings.second * settings.integral_time) if kind == "miso" else None,
+        k3=shapes.Figure(value=SHARE, unit="") if kind == "mimo" else None)
+    margins = design.margins
+    return shapes.DesignSection(
+        configuration=kind, motors=list(design.wiring.motors), speed_filter=_seconds(design.wiring.speed_filter),
+        dead_time_form=design.wiring.dead_time, gains=section, criterion_value=_criterion(drive, design, gains),
+        active=design.active,
+        factors=shapes.FactorsSection(
+            load_speed=_speed(drive, design.factors.load, base),
+            motor_speed=_speed(drive, design.factors.motor, base),
+            torque_overshoot_percent={k: float(v) for k, v in design.factors.torque_overshoot.items()}),
+        margins=shapes.MarginsSection(
+            max_sensitivity=margins.max_sensitivity,
+            sensitivity_frequency_hz=margins.sensitivity_frequency / (2.0 * np.pi),
+            gain_margin=_finite(margins.gain_margin), gain_reduction_margin=_finite(margins.gain_reduction_margin),
+            phase_margin_deg=_finite(margins.phase_margin), crossover_hz=_finite(margins.crossover / (2.0 * np.pi)),
+            delay_margin_s=_finite(margins.delay_margin)),
+        variations=[shapes.VariationSection(
+            change=v.label, max_sensitivity=_finite(v.max_sensitivity), impact_drop=_finite(v.impact_drop),
+            overshoot_percent=_finite(v.overshoot)) for v in design.variations],
+        spread=_spread(design), kept=design.kept,
+        hunting=[_hunting(asdict(watch.cycle)) for watch in design.watches], gain_without_cycle=design.safe_gain)
+
+
+def _speed(drive: Drive, speed: SpeedFactors, base: Ratings | None) -> shapes.SpeedSection:
+    """Figures of a unit step; per unit for a step of the rated torque, in % of the rated speed."""
+    q, t = drive.motion_unit, drive.torque_unit
+    scale = 100.0 * base.torque / base.speed if base else None
+
+    def figure(value: float, unit: str, per_unit: str, power: int = 1) -> shapes.Figure:
+        return shapes.Figure(value=value, unit=unit, per_unit=value * scale**power if scale else None,
+                             per_unit_unit=per_unit if scale else "")
+
+    drop = f"{q}/{t}"
+    return shapes.SpeedSection(
+        peak=figure(speed.peak, f"({q}/s)/{t}", "%"), impact_drop=figure(speed.impact_drop, drop, "% s"),
+        overshoot_percent=speed.overshoot, settling_time=_seconds(speed.settling_time),
+        ie=figure(speed.ie, drop, "% s"), ise=figure(speed.ise, f"({q}/s)^2 s/{t}^2", "%^2 s", 2),
+        iae=figure(speed.iae, drop, "% s"))
+
+
+def _criterion(drive: Drive, design: Design, gains: Gains) -> shapes.Figure:
+    """The criterion's value; its unit where it is of the load speed alone."""
+    wanted, base = gains.options.criterion, gains.options.ratings
+    if dict(wanted.weights) != {"load_speed": 1.0}:
+        return shapes.Figure(value=design.value, unit="weighted")
+    q, t = drive.motion_unit, drive.torque_unit
+    power = wanted.power
+    scale = 100.0 * base.torque / base.speed if base else None
+    if power is None:
+        return shapes.Figure(value=design.value, unit=f"{q}/{t}", per_unit=scale and design.value * scale,
+                             per_unit_unit="% s" if scale else "")
+    time = f"s^{power + 1}" if power else "s"
+    return shapes.Figure(value=design.value, unit=f"({q}/s)^2 {time}/{t}^2",
+                         per_unit=scale and design.value * scale**2, per_unit_unit=f"%^2 {time}" if scale else "")
+
+
+def _spread(design: Design) -> shapes.SpreadSection | None:
+    spread = design.spread
+    return spread and shapes.SpreadSection(
+        draws=spread.draws, unphysical=spread.unphysical, unstable=spread.unstable,
+        parameters=list(spread.parameters), above_limit=spread.above_limit,
+        quantiles={name: {level: _finite(v) for level, v in levels.items()}
+                   for name, levels in spread.quantiles.items()})
+
+
+def _hunting(cycle: dict[str, object]) -> shapes.HuntingSection:
+    names = {"frequency": "frequency_hz", "load_swing": "load_amplitude", "torque_swing": "torque_amplitude"}
+    return shapes.HuntingSection(**{names.get(key, key): value for key, value in cycle.items()})
+
+
+def _seconds(value: float) -> shapes.Figure:
+    return shapes.Figure(value=float(value), unit="s")
+
+
+def _finite(value: float | None) -> float | None:
+    """None for what is infinite or no number."""
+    return float(value) if value is not None and np.isfinite(value) else None

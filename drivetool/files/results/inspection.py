@@ -1,0 +1,76 @@
+"""What `inspect` found, as a file and a picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import UNSET
+
+from drivetool.files.results.result_file import file_sections
+from drivetool.files.shapes import (
+    INSPECTION_SCHEMA,
+    ChannelSection,
+    ExperimentSection,
+    FindingSection,
+    InspectionFile,
+    PartSection,
+)
+from drivetool.identify.estimate import Exhibit
+from drivetool.logs import Source, began
+from drivetool.logs.clocks import FAR
+from drivetool.logs.door import ChannelReport, Inspection
+
+# More panels than this are no picture.
+PANELS = 12
+
+
+def inspection_file(found: Inspection, findings: list[FindingSection]) -> InspectionFile:
+    """The file of an inspection."""
+    experiment = found.experiment
+    section = None
+    if experiment is not None:
+        # The grid of a rate goes on over the others.
+        samples = experiment.used if experiment.others else experiment.size
+        section = ExperimentSection(
+            step=experiment.step, samples=samples, segments=len(experiment.segments),
+            torque_unit=experiment.torque_unit, motion_unit=experiment.motion_unit,
+            torque_is=experiment.torque_is, roles=list(experiment.signals),
+            others=[PartSection(step=o.step, samples=o.used, segments=len(o.segments)) for o in experiment.others],
+            input_units=dict(experiment.input_units) or UNSET)
+    recording = found.recording
+    return InspectionFile(
+        schema=INSPECTION_SCHEMA, origin=recording.origin, channels=[_section(each) for each in found.channels],
+        unreadable=dict(recording.unreadable), experiment=section, findings=findings,
+        data=file_sections([experiment.source if experiment else
+                            Source(recording.name, recording.sha256, began(recording.origin))]))
+
+
+def _section(report: ChannelReport) -> ChannelSection:
+    longest = max((after - before for before, after in report.gaps), default=0.0)
+    return ChannelSection(
+        name=report.name, unit=report.unit, role=report.role, samples=report.samples, missing=report.missing,
+        start=report.start, duration=report.duration, rate=report.rate, jitter=report.jitter,
+        range=(report.least, report.most), gaps=len(report.gaps), longest_gap=longest, lost=report.lost,
+        quantum=report.quantum, spikes=len(report.spikes), held=report.held, clock=report.clock)
+
+
+def exhibit(found: Inspection) -> Exhibit:
+    """The channels over time with gaps and spikes; those with a role first, then as many as fit."""
+    ordered = sorted(found.channels, key=lambda report: report.role is None)
+    shown = [report for report in ordered if report.least is not None][:PANELS]
+    curves: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for report in shown:
+        channel = found.recording.channels[report.name]
+        order = np.argsort(channel.time, kind="stable")
+        order = order[np.abs(channel.time[order]) < FAR]
+        time, values = channel.time[order], channel.values[order]
+        label = f"{report.role or report.name} [{report.unit or '?'}]"
+        while label in curves:
+            label += " "
+        curves[label] = time, values
+        if len(report.spikes):
+            curves[f"spikes {label}"] = channel.time[report.spikes], channel.values[report.spikes]
+        if report.gaps:
+            curves[f"gaps {label}"] = tuple(np.array(report.gaps).T)
+    left = len(found.channels) - len(shown)
+    title = f"{found.recording.name}: {len(found.channels)} channels" + (f", {left} not shown" if left else "")
+    return Exhibit("channels", title, "time from the origin of the log [s]", "", curves)

@@ -1,0 +1,305 @@
+"""The on-disk shape of parameter and validation files; the JSON Schemas are made from these types."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import UNSET, Meta, UnsetType
+
+from drivetool.check.outcome import State, Verdict
+
+PARAMETERS_SCHEMA = "drivetool/parameters/1"
+VALIDATION_SCHEMA = "drivetool/validation/1"
+# Of a std beside findings that something is missing from the structure.
+IF_COMPLETE = "the +- holds only if nothing is missing from the drive, which the findings doubt"
+
+Number = float | None
+Plain = dict[str, Any]
+
+
+class Shape(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
+    """Base of every section: a key nobody knows is a typo, hence an error."""
+
+
+class Tool(Shape):
+    """The program that wrote the file."""
+
+    name: str
+    version: str
+
+
+class DriveSection(Shape):
+    """The chain of bodies: a known name, or the bodies and shafts by name."""
+
+    name: Annotated[
+        str | None, Meta(description="one-body, two-mass, three-mass, vehicle or a name of your own")] = None
+    bodies: Annotated[list[str] | None, Meta(description="from the motor outwards")] = None
+    shafts: Annotated[list[str] | None, Meta(description="joining neighbours, one fewer than bodies")] = None
+    torque_unit: Annotated[
+        Literal["Nm", "N", "A", "V", "%"] | None, Meta(description="unit of the torques")] = None
+    motion_unit: Annotated[Literal["rad", "m"] | None, Meta(description="unit of the motion")] = None
+    damping_law: Annotated[
+        Literal["inside", "always"] | None,
+        Meta(description="shaft damping inside the contact only, or always")] = None
+    input_unit: Annotated[Literal["A", "V", "%"] | UnsetType | None, Meta(
+        description="unit of the motors' inputs, of which torque constants make torques")] = UNSET
+
+
+class ParameterSection(Shape):
+    """One parameter; only the value is needed in a file written by hand."""
+
+    value: Annotated[Number, Meta(description="null where there is none; reason says why")]
+    unit: Annotated[str | None, Meta(description="converted if it is not the drive's own")] = None
+    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
+        description="standard deviation; null where there is none")] = None
+    ci95: Annotated[
+        tuple[Number, Number] | None, Meta(description="95 % interval, lower and upper end")] = None
+    start: Annotated[Number, Meta(description="value the fit started from")] = None
+    status: Literal["fitted", "held", "at-bound", "not-identifiable"] = "held"
+    reason: Annotated[str, Meta(description="why there is no std, when it holds, or why the value was held")] = ""
+    std_noise: Annotated[float | UnsetType, Meta(description="part of the std by noise")] = UNSET
+    std_structure: Annotated[float | UnsetType, Meta(
+        description="part of the std by what explanations of the record disagree in: the model's error")] = UNSET
+    std_between: Annotated[float | UnsetType, Meta(
+        description="part of the std by what varies from recording to recording")] = UNSET
+    repeatability: Annotated[float | UnsetType, Meta(
+        description="how much that is: the standard deviation of single recordings")] = UNSET
+
+
+class CovarianceSection(Shape):
+    """Covariance of the fitted parameters, in their units."""
+
+    names: list[str]
+    matrix: list[list[float]]
+
+
+class LawSection(Shape):
+    """A torque that the motion foretells and the drive lacks."""
+
+    name: str
+    factors: Annotated[list[float], Meta(
+        description="its size, root mean square in the unit of the torque, one per component")]
+    ci95: Annotated[list[tuple[float, float]], Meta(description="95 % interval of each")]
+
+
+class DerivedSection(Shape):
+    """A figure that follows from the parameters."""
+
+    value: float
+    unit: str
+    std: Annotated[Annotated[float, Meta(ge=0)] | None, Meta(
+        description="by the covariance of the parameters; null where one that counts has no interval")] = None
+    ci95: tuple[float, float] | None = None
+    reason: Annotated[str, Meta(description="why there is no std")] = ""
+
+
+class StartsSection(Shape):
+    """How the starts of the fit agreed."""
+
+    tried: Annotated[int, Meta(description="descents from different starts")]
+    agreed: Annotated[int, Meta(description="those that ended as good as the best")]
+    spread: Annotated[dict[str, float], Meta(
+        description="largest difference between the values that these ended at")] = {}
+
+
+class FindingSection(Shape):
+    """Something a person should know."""
+
+    severity: Literal["note", "warning", "failure"]
+    code: Annotated[str, Meta(description="stable, for scripts")]
+    text: str
+    evidence: Annotated[
+        dict[str, float | int | str | None], Meta(description="the numbers behind it")] = {}
+    action: Annotated[str, Meta(description="what to do about it")] = ""
+
+
+class FileSection(Shape):
+    """A file that was read, and its SHA-256."""
+
+    file: str
+    sha256: str
+    began: Annotated[
+        str | UnsetType, Meta(description="when the recording began by its own clock (UTC)")] = UNSET
+
+
+class CheckSection(Shape):
+    """One model on one record it has not seen."""
+
+    model: str
+    file: str
+    output: str
+    unit: str
+    simulation_fit_percent: Annotated[
+        Number, Meta(description="of a free run, its start state fitted; null for a constant signal")]
+    one_step_fit_percent: Annotated[
+        Number, Meta(description="of one-step predictions; not a simulation")]
+    rmse: Annotated[Number, Meta(description="of that free run, in unit")]
+    nrmse: Annotated[Number, Meta(description="rmse over the range of the output")]
+    r2: Number
+    n: int
+    max_correlation: Annotated[
+        Number, Meta(description="largest cross-correlation of residual and input")]
+    band: Annotated[Number, Meta(description="97 % band for one lag, Bartlett-corrected")]
+    lags_outside_percent: Number
+    correlation_p: Annotated[Number, Meta(description="family-wise, over all the lags")]
+    whiteness_p: Annotated[Number, Meta(description="of the one-step errors, information only")]
+    passed: bool
+    measured_start_fit_percent: Annotated[
+        Number, Meta(description="of a free run from the state of the first samples; null for segments")] = None
+    measured_start_rmse: Annotated[Number, Meta(description="of that free run, in unit")] = None
+    rmse_percent: Annotated[Number, Meta(
+        description="by inverse dynamics: rmse over the root mean square of the torque")] = None
+    rmse_counts: Annotated[float | UnsetType, Meta(
+        description="of an angle by counts: rmse over count/sqrt(12); 1 is what counts alone leave")] = UNSET
+    nrmse_mean: Annotated[float | UnsetType, Meta(
+        description="of a run-down's speed: rmse over its mean; nrmse is over its range")] = UNSET
+    sensor_rmse: Annotated[float | UnsetType, Meta(
+        description="of a run-down: rmse that the sensor alone leaves, in unit")] = UNSET
+    parameters_rmse: Annotated[float | UnsetType, Meta(
+        description="of a run-down: rmse that the uncertainty of the parameters makes, in unit")] = UNSET
+
+
+class SizeSection(Shape):
+    """A number with its unit."""
+
+    value: Number
+    unit: str | None = None
+
+
+class CandidateSection(Shape):
+    """One cause that was tried in one round of a diagnosis."""
+
+    code: Annotated[str, Meta(description="of the catalogue, see drivetool effects")]
+    state: State
+    round: Annotated[int, Meta(description="from one; each looks for one more cause")] = 1
+    law: str = ""
+    shown: Annotated[bool | None, Meta(description="whether this record can show it; null: not known")] = None
+    gain: Annotated[Number, Meta(description="log likelihood gained on data held out")] = None
+    gain_std: Annotated[Number, Meta(description="standard error of the gain")] = None
+    evidence: Annotated[
+        Number, Meta(description="log10 of 1 over the share of records without any cause that show as much")] = None
+    smallest: Annotated[
+        dict[str, SizeSection], Meta(description="smallest size this record would have shown")] = {}
+    parameters: Annotated[
+        dict[str, ParameterSection], Meta(description="fitted with this cause, on the whole record")] = {}
+    reason: Annotated[str, Meta(description="why there is no gain to state, or where the cause was seen")] = ""
+
+
+class GainSection(Shape):
+    """How much better free runs over data held out became, or the torque that a motion asks for."""
+
+    unit: Annotated[str, Meta(description="of rmse, its std and the noise floor")]
+    of: Annotated[Literal["motion", "torque"], Meta(
+        description="motion: errors of free runs; torque: of what the motion asks for")] = "motion"
+    segment: Annotated[Number, Meta(description="length of the free runs in s")] = None
+    held_out_rmse_before: Annotated[Number, Meta(description="of the base, fitted to all that is no judge")] = None
+    held_out_rmse_after: Annotated[
+        Number, Meta(description="of the extended drive, fitted without what it is run over")] = None
+    rmse_std: Annotated[Number, Meta(description="standard error of rmse before - after")] = None
+    rmse_gain_ci95: Annotated[tuple[Number, Number] | None, Meta(
+        description="95 % interval of rmse before - after on a further record of the same length")] = None
+    held_out_fit_before: Annotated[Number, Meta(description="percent")] = None
+    held_out_fit_after: Annotated[Number, Meta(description="percent")] = None
+    noise_floor: Annotated[Number, Meta(description="std of the sensor alone")] = None
+    unexplained_percent: Annotated[
+        Number, Meta(description="share of what the base left unexplained that is still there")] = None
+
+
+class RoundSection(Shape):
+    """One round of a diagnosis; cause is null in the one that ended the search."""
+
+    round: int
+    cause: str | None = None
+    gain: GainSection | None = None
+
+
+class DiagnosisSection(Shape):
+    """What the simulation got wrong and why, as diagnose found it."""
+
+    verdict: Verdict
+    sentence: Annotated[str, Meta(description="the verdict in words")] = ""
+    causes: Annotated[list[str], Meta(description="in the order found")] = []
+    between: Annotated[list[str], Meta(
+        description="causes that explain the record equally well; with unlisted, what is in no catalogue, the "
+        "part of it that has a name")] = []
+    closest: Annotated[list[str], Meta(
+        description="unexplained: what the extended drive has of the catalogue, maybe for something else")] = []
+    experiment: Annotated[str, Meta(description="what would decide, or show a smaller effect")] = ""
+    evidence: Annotated[dict[str, Number], Meta(description="log10 per cause")] = {}
+    gain: Annotated[GainSection | None, Meta(description="from the base to the extended drive")] = None
+    candidates: list[CandidateSection] = []
+    rounds: list[RoundSection] = []
+    rule: Annotated[str, Meta(description="the line of the table of rules that decided")] = ""
+    facts: Annotated[Plain, Meta(description="what the rules compare, see docs/explanation/diagnosis.md")] = {}
+
+
+class MeasureSection(Shape):
+    """A number with its unit."""
+
+    value: float
+    unit: str
+
+
+class RatingsSection(Shape):
+    """What 100 % stands for; the base of per-unit figures."""
+
+    torque: MeasureSection
+    speed: Annotated[MeasureSection, Meta(description="of the first motor")]
+
+
+class ControllerSection(Shape):
+    """What is known of the controller that the drive will get."""
+
+    speed_filter: Annotated[
+        MeasureSection | None, Meta(description="time constant of the speed measurement's filter")] = None
+
+
+class ParameterFile(Shape):
+    """What every step writes and the next one reads; a person may edit or write it."""
+
+    schema: Literal["drivetool/parameters/1"]
+    tool: Tool | None = None
+    step: Annotated[str, Meta(description="the step that wrote the file")] = ""
+    outcome: Annotated[str, Meta(description="how the fit ended, in one sentence")] = ""
+    drive: DriveSection | None = None
+    parameters: Annotated[
+        dict[str, ParameterSection | float],
+        Meta(description="by name; a bare number is in the drive's own unit")] = {}
+    derived: Annotated[dict[str, DerivedSection], Meta(
+        description="what follows from the parameters: resonances and their damping ratios by all friction, the "
+                    "total inertia, forces at a radius; of a coast-down, friction over inertia",
+        )] | UnsetType = UNSET
+    explanation: Annotated[str, Meta(
+        description="which explanation of the record was chosen, and why")] | UnsetType = UNSET
+    laws: Annotated[list[LawSection], Meta(
+        description="torques that the motion foretells; no part of the drive")] | UnsetType = UNSET
+    fit: dict[str, float | int | str | None] = {}
+    starts: StartsSection | None = None
+    findings: list[FindingSection] = []
+    covariance: CovarianceSection | None = None
+    diagnosis: DiagnosisSection | None = None
+    ratings: RatingsSection | None = None
+    controller: ControllerSection | None = None
+    noise: dict[str, float | None] = {}
+    details: Annotated[Plain, Meta(description="what else the step found")] = {}
+    records: Annotated[list[FileSection], Meta(
+        description="recordings with parameters of their own, NAME@FILE")] | UnsetType = UNSET
+    data: Annotated[list[FileSection], Meta(description="recordings")] = []
+    inputs: Annotated[list[FileSection], Meta(description="parameter files, in the order merged")] = []
+    options: Plain = {}
+
+
+class ValidationFile(Shape):
+    """What validate writes."""
+
+    schema: Literal["drivetool/validation/1"]
+    tool: Tool
+    step: Literal["validate"]
+    verdict: str
+    passed: bool
+    checks: list[CheckSection]
+    findings: list[FindingSection]
+    data: list[FileSection]
+    inputs: list[FileSection]
+    options: Plain

@@ -1,0 +1,163 @@
+"""From what YAML gave to the typed file, or one sentence about the first thing that is wrong."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from drivetool.errors import BadParameters, nearest
+from drivetool.files.shapes import gains_shapes, parameter_shapes as shapes
+
+Shape = TypeVar("Shape", bound=shapes.Shape)
+
+_EXPECTED = re.compile(
+    r"Expected `(?P<wanted>.*?)`(?: of length (?P<length>\d+))?, got `?(?P<found>[^`]*)`?")
+_LEAST = re.compile(r"Expected `(?:float|int)` >= (?P<least>[-+.0-9e]+)")
+_PLACE = re.compile(r" - at `\$\.?(?P<path>.*)`$")
+_WORDS = {"float": "number", "int": "whole number", "str": "text", "object": "mapping",
+          "array": "list", "bool": "true or false"}
+_SECTIONS = {"tool": shapes.Tool, "drive": shapes.DriveSection, "covariance": shapes.CovarianceSection,
+             "ratings": shapes.RatingsSection, "controller": shapes.ControllerSection,
+             "diagnosis": shapes.DiagnosisSection}
+_LISTS = {"findings": shapes.FindingSection, "records": shapes.FileSection, "data": shapes.FileSection,
+          "inputs": shapes.FileSection}
+
+
+def parameter_file(raw: dict[Any, Any], name: str) -> shapes.ParameterFile:
+    """The typed parameter file.
+
+    raw     as `text.from_yaml` gave it
+    name    of the file, for messages
+    raises  BadParameters: another schema, an unknown key, a wrong type
+    """
+    _schema(raw, name)
+    _known_keys(raw, shapes.ParameterFile, name, "")
+    for key, shape in _SECTIONS.items():
+        if raw.get(key) is not None:
+            section(raw[key], shape, name, key)
+    for key, shape in _LISTS.items():
+        for index, item in enumerate(of_kind(raw.get(key, []), list, name, key)):
+            section(item, shape, name, f"{key}[{index}]")
+    for key, item in of_kind(raw.get("parameters", {}), dict, name, "parameters").items():
+        where = f"parameters.{key}"
+        if isinstance(item, dict):
+            section(item, shapes.ParameterSection, name, where)
+        elif isinstance(item, bool) or not isinstance(item, int | float):
+            raise BadParameters(
+                f"a number, or a mapping with value and unit, at {where}", f"{_found(item)} in {name}",
+                "Write for example '{value: 0.4, unit: kg m^2}', with a dot as decimal sign.")
+    return _convert(raw, shapes.ParameterFile, name, "")
+
+
+def result_file(raw: dict[Any, Any], shape: type[Shape], name: str) -> Shape:
+    """The typed file of a step that writes no parameters, its schema known; BadParameters as above."""
+    _known_keys(raw, shape, name, "")
+    return _convert(raw, shape, name, "", raw["schema"].split("/")[1])
+
+
+def gains_file(raw: dict[Any, Any], name: str) -> gains_shapes.GainsFile:
+    """The typed gains file; BadParameters as above."""
+    if raw.get("schema") != gains_shapes.GAINS_SCHEMA:
+        raise BadParameters(f"schema {gains_shapes.GAINS_SCHEMA}", f"{raw.get('schema') or 'no schema'} in {name}",
+                            "Give the file that tune wrote.")
+    return result_file(raw, gains_shapes.GainsFile, name)
+
+
+def _schema(raw: dict[Any, Any], name: str) -> None:
+    """The first key says what kind of file this is and how old."""
+    wanted, found = shapes.PARAMETERS_SCHEMA, raw.get("schema")
+    if found == wanted:
+        return
+    do = f"Begin the file with 'schema: {wanted}'."
+    if found is not None:
+        do = "Write the file again with this version of drivetool, or check it and change its schema line."
+    if found == shapes.VALIDATION_SCHEMA:
+        do = "Give the parameter file that was validated, not the file that validate wrote."
+    if found == gains_shapes.GAINS_SCHEMA:
+        do = "Give the parameter file that was tuned; the file that tune wrote goes to --gains."
+    raise BadParameters(f"schema {wanted}", f"{found or 'no schema'} in {name}", do)
+
+
+def _known_keys(raw: dict[Any, Any], shape: type[Shape], name: str, where: str) -> None:
+    """Every key is a field; a typo gets the nearest one as a suggestion."""
+    fields = shape.__struct_fields__
+    for key in raw:
+        if key not in fields:
+            raise BadParameters(
+                f"known keys{f' at {where}' if where else ''}", f"'{key}' in {name}",
+                nearest(str(key), fields))
+
+
+def section(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> None:
+    """Check one section on its own, so that the message can say which; form: the schema's name."""
+    _known_keys(of_kind(raw, dict, name, where, form), shape, name, where)
+    _convert(raw, shape, name, where, form)
+
+
+def _convert(raw: Any, shape: type[Shape], name: str, where: str, form: str = "parameters") -> Shape:
+    """msgspec does the checking; its message becomes our sentence; form: the schema's name."""
+    try:
+        return msgspec.convert(raw, shape)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        at = _PLACE.search(text)
+        path = at["path"] if at else ""
+        place = f"{where}.{path}" if where and path and not path.startswith("[") else where + path
+        value, choices = _at(raw, path), _choices(shape, path)
+        kinds = _EXPECTED.search(text)
+        least = _LEAST.search(text)
+        if least:
+            wanted, found = f"a number of at least {float(least['least']):g}", _found(value)
+        elif "matching regex" in text:
+            wanted, found = "a word of letters, digits, dots, - and _", _found(value)
+        elif choices:
+            wanted, found = f"one of {', '.join(choices)}", _found(value)
+        elif kinds:
+            length = f" of {kinds['length']}" if kinds["length"] else ""
+            wanted = f"a {_words(kinds['wanted'])}{length}"
+            found = _found(value) if value is not None else f"a {_words(kinds['found'])}"
+        else:
+            wanted, found = "the file to follow its schema", _PLACE.sub("", text)
+        raise BadParameters(f"{wanted}{f' at {place}' if place else ''}", f"{found} in {name}",
+                            f"Correct the file; schemas/{form}.json has its full form.") from None
+
+
+def _choices(shape: type[Shape], path: str) -> tuple[str, ...]:
+    """The words a field may be, if it is such a field."""
+    kind = get_type_hints(shape).get(path)
+    literals = [kind, *get_args(kind)]
+    return next((get_args(each) for each in literals if get_origin(each) is Literal), ())
+
+
+def _at(raw: Any, path: str) -> Any:
+    """The value a simple path points to, or None."""
+    for key in filter(None, path.split(".")):
+        raw = raw.get(key) if isinstance(raw, dict) else None
+    return raw
+
+
+def of_kind(value: Any, kind: type, name: str, where: str, form: str = "parameters") -> Any:
+    """The value if it is a mapping or a list, as wanted."""
+    if not isinstance(value, kind):
+        raise BadParameters(f"a {'mapping' if kind is dict else 'list'} at {where}",
+                            f"{_found(value)} in {name}",
+                            f"Correct the file; schemas/{form}.json has its full form.")
+    return value
+
+
+def _words(kinds: str) -> str:
+    """'float | null' as 'number or null'."""
+    return " or ".join(_WORDS.get(kind, kind) for kind in kinds.split(" | "))
+
+
+def _found(value: Any) -> str:
+    """A value in words."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return f"{'text ' if isinstance(value, str) else ''}'{value}'"

@@ -1,0 +1,354 @@
+"""The parameter file: what every step writes, the next one reads and a person edits."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import msgspec
+
+from drivetool.drive import AT, KNOWN_DRIVES, TOTALS, Drive, is_constant, shared, two_mass
+from drivetool.errors import BadParameters
+from drivetool.files.shapes import (
+    GAINS_SCHEMA,
+    INSPECTION_SCHEMA,
+    TRENDS_SCHEMA,
+    GainsFile,
+    InspectionFile,
+    TrendsFile,
+    analysis_shapes,
+    parameter_shapes as shapes,
+)
+from drivetool.files.yaml import checked, units
+from drivetool.files.yaml.covariances import merged
+from drivetool.files.yaml.text import from_yaml
+from drivetool.files.yaml.written import factor, naming, written
+from drivetool.identify.estimate import Covariance
+from drivetool.logs.channels import SCHEMA as MAP_SCHEMA
+from drivetool.quantity import ELECTRIC
+
+if TYPE_CHECKING:
+
+    Result = (shapes.ParameterFile | shapes.ValidationFile | analysis_shapes.SpectraFile
+              | analysis_shapes.ComparisonFile | GainsFile | InspectionFile | TrendsFile)
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file as it was read: name without folder ('-' for standard input), hash, content."""
+
+    name: str
+    sha256: str
+    file: shapes.ParameterFile
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Parameter files in the order given; a later one wins."""
+
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def inputs(self) -> tuple[tuple[str, str], ...]:
+        """(file name, sha256) per file."""
+        return tuple((source.name, source.sha256) for source in self.sources)
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Of the last file that has any."""
+        return {k: v for k, v in self._last("noise").items() if v is not None}
+
+    @property
+    def details(self) -> Mapping[str, object]:
+        """Of the last file that has any."""
+        return self._last("details")
+
+    def drive(self, default: Drive | None = None) -> Drive:
+        """The drive of the files with their values.
+
+        default  structure where no file has a drive section, and the units of the
+                 recordings; None: two masses in the units of the files
+        raises   BadParameters: a name, unit or value the drive cannot take
+        """
+        return self.fill(self.structure(default) if default else self.chain())
+
+    def chain(self) -> Drive:
+        """The bodies and shafts alone, in the units of the files; two masses where no file has a drive section."""
+        return self.structure(two_mass(*self.own_units))
+
+    def structure(self, default: Drive) -> Drive:
+        """The chain the last drive section describes, in the units of `default`; no values."""
+        drive = replace(default, values={})
+        for source in self.sources:
+            if source.file.drive is not None:
+                drive = _shaped(source.file.drive, drive, source.name)
+        return drive
+
+    def fill(self, drive: Drive) -> Drive:
+        """`drive` with the values of all the files, converted to its units."""
+        for source in self.sources:
+            section = source.file.drive or shapes.DriveSection()
+            _same_units(section, drive, source.name)
+            drive = _with_records(drive, source)
+            values = {}
+            for name, entry in source.file.parameters.items():
+                value, unit = written(entry)
+                if value is not None:
+                    values[name] = value * factor(drive, name, unit, source.name)
+            _not_both(values, drive, source.name)
+            with naming(source.name):
+                drive = drive.with_values(values)
+        return drive
+
+    def sections(self, drive: Drive) -> dict[str, shapes.ParameterSection]:
+        """What the files say about each parameter, bare numbers with the unit of `drive`."""
+        merged = {}
+        for source in self.sources:
+            for name, entry in source.file.parameters.items():
+                if not isinstance(entry, shapes.ParameterSection):
+                    entry = shapes.ParameterSection(value=float(entry), unit=drive.unit(name))
+                merged[name] = entry
+        return merged
+
+    def covariance(self, drive: Drive, single: bool = False) -> Covariance | None:
+        """Of all the files, in the units of `drive`; a value that a later file changes has none of before.
+
+        single  of a recording like those that the files are from: with what varies from one to another
+        """
+        return merged([(source.name, source.file) for source in self.sources], drive, single)
+
+    def stds(self, drive: Drive) -> dict[str, float]:
+        """Standard deviations that the files state, in the units of `drive`; of the last file that has a value."""
+        return {name: std for name, std in self._told(drive, "std").items() if std > 0.0}
+
+    def starts(self, drive: Drive) -> dict[str, float]:
+        """Values that the fits of the files started from, likewise."""
+        return self._told(drive, "start")
+
+    def _told(self, drive: Drive, what: str) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for source in self.sources:
+            for name, entry in source.file.parameters.items():
+                found.pop(name, None)
+                number = getattr(entry, what) if isinstance(entry, shapes.ParameterSection) else None
+                if number is not None:
+                    found[name] = number * factor(drive, name, entry.unit, source.name)
+        return found
+
+    def ratings(self, drive: Drive) -> tuple[float, float] | None:
+        """(torque, speed) that 100 % stands for, in the units of `drive`; of the last file that has them."""
+        for source in reversed(self.sources):
+            section = source.file.ratings
+            if section is not None:
+                return (_measure(section.torque, drive.torque_unit, "ratings.torque", source.name),
+                        _measure(section.speed, f"{drive.motion_unit}/s", "ratings.speed", source.name))
+        return None
+
+    @property
+    def carried(self) -> dict[str, shapes.Shape]:
+        """Sections that no estimator changes and every file takes over."""
+        found = {key: [getattr(source.file, key) for source in self.sources] for key in ("ratings", "controller")}
+        return {key: last for key, each in found.items() for last in [s for s in each if s is not None][-1:]}
+
+    @property
+    def speed_filter(self) -> float:
+        """Time constant of the speed measurement's filter [s]; 0 where no file has one."""
+        for source in reversed(self.sources):
+            section = source.file.controller
+            if section is not None and section.speed_filter is not None:
+                return _measure(section.speed_filter, "s", "controller.speed_filter", source.name, least=0.0)
+        return 0.0
+
+    def _last(self, key: str) -> Mapping:
+        """A section of the last file that has anything there."""
+        found = [getattr(source.file, key) for source in self.sources]
+        return next((section for section in reversed(found) if section), {})
+
+    @property
+    def own_units(self) -> tuple[str, str, str]:
+        """Units of torque, motion and input as the files have them; Nm, rad and none where they are silent."""
+        torque, motion, fed = "Nm", "rad", ""
+        for source in self.sources:
+            section = source.file.drive or shapes.DriveSection()
+            torque, motion = section.torque_unit or torque, section.motion_unit or motion
+            fed = section.input_unit or fed
+        both = [found for unit in self.constants.values() if (found := units.torque_over_input(unit or ""))]
+        if both and not any(source.file.drive and source.file.drive.torque_unit for source in self.sources):
+            torque = both[-1][0]
+        return torque, motion, fed or (both[-1][1] if both else "")
+
+    @property
+    def constants(self) -> dict[str, str | None]:
+        """Torque constants of which the files have a value -> the unit that is written there."""
+        each = {n: written(entry) for source in self.sources for n, entry in source.file.parameters.items()}
+        return {n: unit for n, (value, unit) in each.items() if value is not None and is_constant(n)}
+
+
+def load_parameters(paths: Sequence[str | Path], stdin: BinaryIO | None = None) -> Loaded:
+    """Read parameter files.
+
+    paths    in the order in which they are merged; '-' is standard input
+    stdin    binary stream that '-' reads; None: the process's own
+    returns  Loaded, whose `drive` merges them
+    raises   BadParameters: a file that cannot be read or used
+    """
+    if sum(str(path) == "-" for path in paths) > 1:
+        raise BadParameters("standard input once", "'--params -' twice", "Give the second one as a file.")
+    return Loaded(tuple(_source(*read_bytes(path, stdin)) for path in paths))
+
+
+def load_result(path: str | Path, stdin: BinaryIO | None = None) -> Result:
+    """A file of any step to show: bare numbers with their unit, names checked.
+
+    raises  BadParameters: a file that cannot be read, or that no step writes
+    """
+    name, data = read_bytes(path, stdin)
+    raw = from_yaml(data, name)
+    others = {shapes.VALIDATION_SCHEMA: shapes.ValidationFile, GAINS_SCHEMA: GainsFile, **analysis_shapes.KINDS,
+              INSPECTION_SCHEMA: InspectionFile, TRENDS_SCHEMA: TrendsFile}
+    schema = str(raw.get("schema") or "no schema")
+    if schema in others:
+        return checked.result_file(raw, others[schema], name)
+    if schema != shapes.PARAMETERS_SCHEMA:
+        raise BadParameters("a file that a step wrote, to show its table", f"{schema} in {name}",
+                            _instead(schema), (shapes.PARAMETERS_SCHEMA, *others))
+    loaded = Loaded((_source(name, data),))
+    return msgspec.structs.replace(loaded.sources[0].file, parameters=loaded.sections(loaded.drive()))
+
+
+def _instead(schema: str) -> str:
+    """What to do about a file that has no table."""
+    if schema == MAP_SCHEMA:
+        return "A channel map is an input: 'drivetool inspect LOG --map FILE' shows what it makes of a log."
+    if schema == "no schema":
+        return f"Begin a parameter file with 'schema: {shapes.PARAMETERS_SCHEMA}'."
+    return "Write the file again with this version of drivetool, or check it and change its schema line."
+
+
+def _source(name: str, data: bytes) -> Source:
+    """Check what was read."""
+    shown = "standard input" if name == "-" else name
+    file = checked.parameter_file(from_yaml(data, shown), shown)
+    _square(file.covariance, shown)
+    return Source(name, hashlib.sha256(data).hexdigest(), file)
+
+
+def read_bytes(path: str | Path, stdin: BinaryIO | None = None) -> tuple[str, bytes]:
+    """(name without folder, content) of a file, or of standard input for '-'."""
+    if str(path) == "-":
+        return "-", (stdin or sys.stdin.buffer).read()
+    try:
+        return Path(path).name, Path(path).read_bytes()
+    except OSError as error:
+        raise BadParameters(f"to read {path}", error.strerror or str(error),
+                            "Check the path of the parameter file.") from None
+
+
+def _square(section: shapes.CovarianceSection | None, name: str) -> None:
+    """A covariance has one row and one column per name."""
+    if section is None:
+        return
+    n = len(section.names)
+    if [len(row) for row in section.matrix] != [n] * n:
+        raise BadParameters(f"a covariance matrix of {n} x {n}, as there are {n} names",
+                            f"{len(section.matrix)} rows of other lengths in {name}",
+                            "Correct it, or delete the whole covariance section.")
+
+
+def _shaped(section: shapes.DriveSection, drive: Drive, name: str) -> Drive:
+    """The chain a drive section describes; what it leaves out is as in `drive`."""
+    _same_units(section, drive, name)
+    law = section.damping_law or drive.damping_law
+    if section.bodies is None:
+        if section.shafts is not None:
+            raise BadParameters("drive.bodies together with drive.shafts", f"only shafts in {name}",
+                                "Name the bodies from the motor outwards.")
+        if section.name is None:
+            return replace(drive, damping_law=law)
+        if section.name not in KNOWN_DRIVES:
+            raise BadParameters("a known drive, or one with its bodies and shafts",
+                                f"only the name '{section.name}' in {name}",
+                                "Add drive.bodies and drive.shafts.", KNOWN_DRIVES)
+        known = KNOWN_DRIVES[section.name](drive.torque_unit, drive.motion_unit, drive.input_unit)
+        return replace(known, damping_law=law)
+    bodies = tuple(section.bodies)
+    shafts = section.shafts
+    if shafts is None:
+        shafts = ["shaft", *(f"shaft{i}" for i in range(2, len(bodies)))][: len(bodies) - 1]
+    _chain(bodies, tuple(shafts), name)
+    return Drive(section.name or "custom", bodies, tuple(shafts), {},
+                 drive.torque_unit, drive.motion_unit, law, input_unit=drive.input_unit)
+
+
+def _with_records(drive: Drive, source: Source) -> Drive:
+    """The drive that knows the recordings of a file.
+
+    Of two recordings that are called alike the earlier one is forgotten; one that has a new name goes by that.
+    """
+    entries = [] if source.file.records is msgspec.UNSET else source.file.records
+    records = {entry.file: entry.sha256.lower() for entry in entries}
+    for entry in entries:
+        if not re.fullmatch(r"[0-9a-f]{64}", entry.sha256.lower()):
+            raise BadParameters(f"the sha256 of {entry.file} at records, 64 hexadecimal digits",
+                                f"'{entry.sha256}' in {source.name}", "Copy it from `drivetool inspect`.")
+    if len(records) < len(entries) or len(set(records.values())) < len(records):
+        raise BadParameters("every recording once at records", f"one twice in {source.name}", "Delete one of them.")
+    names = {sha: name for name, sha in records.items()}
+    renamed = {old: names.get(sha, "" if old in records else old) for old, sha in drive.records.items()}
+    values = {}
+    for n, v in drive.values.items():
+        kind, at, old = n.partition(AT)
+        if not at or renamed[old]:
+            values[f"{kind}{AT}{renamed[old]}" if at else n] = v
+    kept = {new: drive.records[old] for old, new in renamed.items() if new}
+    return replace(drive, values=values, records={**kept, **records})
+
+
+def _chain(bodies: tuple[str, ...], shafts: tuple[str, ...], name: str) -> None:
+    """Names that can be told apart, and one shaft between neighbours."""
+    names = bodies + shafts
+    if not bodies or len(shafts) != len(bodies) - 1:
+        raise BadParameters("at least one body and one shaft fewer than bodies",
+                            f"{len(bodies)} bodies and {len(shafts)} shafts in {name}",
+                            "Correct drive.bodies and drive.shafts.")
+    for each in names:
+        if not each.isidentifier() or names.count(each) > 1 or each in ("total", "converter"):
+            raise BadParameters(
+                "names of bodies and shafts that are single words, each used once", f"'{each}' in {name}",
+                "Choose another name; total and converter are taken.")
+
+
+def _same_units(section: shapes.DriveSection, drive: Drive, name: str) -> None:
+    """Parameters in Nm say nothing about a recording in A, but with a torque constant."""
+    do = "Use parameters from a recording of the same kind, or correct the unit in the channel map."
+    for word, wanted, found in (("torque", drive.torque_unit, section.torque_unit),
+                                ("motion", drive.motion_unit, section.motion_unit),
+                                ("motor's input", drive.input_unit, section.input_unit or None)):
+        if found not in (None, wanted):
+            if word == "torque" and wanted in ELECTRIC and found not in ELECTRIC:
+                do = f"Give {drive.bodies[0]}.torque_constant in {found}/{wanted}, with --set or in the file."
+            raise BadParameters(f"parameters for a {word} in {wanted}, the unit of the recording",
+                                f"{found} in {name}", do)
+
+
+def _not_both(values: Mapping[str, float], drive: Drive, name: str) -> None:
+    """A total and its parts in one file contradict each other, or say the same twice."""
+    for total, suffix in TOTALS.items():
+        parts = [n for n in values if shared(n) in {f"{body}.{suffix}" for body in drive.bodies}]
+        if parts and any(shared(n) == total for n in values):
+            raise BadParameters(f"either {total} or its parts", f"{total} and {', '.join(parts)} in {name}",
+                                "Delete the total or the parts.")
+
+
+def _measure(section: shapes.MeasureSection, unit: str, what: str, name: str, least: float = 1e-300) -> float:
+    """A number of the file in a unit; above zero unless `least` says otherwise."""
+    with naming(name):
+        value = section.value * units.factor(section.unit, unit, what)
+    if not least <= value < float("inf"):
+        raise BadParameters(f"{what} above zero", f"{section.value:g} {section.unit} in {name}", "Correct it.")
+    return value

@@ -1,0 +1,9 @@
+"""The step backlash.
+
+Experiments that open the gap, a drive and options come in. The half gap and what is freed beside it go out as an
+Estimate.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

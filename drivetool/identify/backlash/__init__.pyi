@@ -1,0 +1,1 @@
+from .estimator import backlash as backlash, valleys as valleys

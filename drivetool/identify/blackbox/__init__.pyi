@@ -1,0 +1,1 @@
+from .estimator import blackbox as blackbox, transfer_function as transfer_function

@@ -1,0 +1,155 @@
+"""What an estimator returns: the fitted drive with its uncertainty and its story."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import Finding
+from drivetool.logs import Source
+
+Status = Literal["fitted", "held", "at-bound", "not-identifiable"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One line of the result table.
+
+    value, start, std  in `unit`; std and ci95 are None where there is none, and then
+                       `reason` says why
+    std_noise, std_structure   parts of the std: by noise, and by what explanations of the record disagree in; None
+                       where the fit does not tell them apart
+    std_between        part of the std by what varies from recording to recording; repeatability: how much that
+                       is, the standard deviation of single recordings; None: fewer than two tell the parameter
+    """
+
+    name: str
+    value: float
+    unit: str
+    start: float | None = None
+    std: float | None = None
+    ci95: tuple[float, float] | None = None
+    status: Status = "fitted"
+    reason: str = ""
+    std_noise: float | None = None
+    std_structure: float | None = None
+    std_between: float | None = None
+    repeatability: float | None = None
+
+    def untold(self, reason: str, status: Status | None = None) -> Parameter:
+        """The same without an interval."""
+        return replace(self, std=None, ci95=None, std_noise=None, std_structure=None, std_between=None,
+                       repeatability=None, reason=reason, status=status or self.status)
+
+
+@dataclass(frozen=True)
+class FoundLaw:
+    """A torque that the motion foretells and the drive lacks.
+
+    name     in words
+    factors  its size, root mean square in the torque's unit, one per column; std of each
+    """
+
+    name: str
+    factors: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of the fitted parameters: names (k,), matrix (k, k) in their units."""
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+
+
+@dataclass(frozen=True)
+class Starts:
+    """How the starts of a fit agreed.
+
+    tried   descents made, from different starts; agreed: those that ended as good as the best
+    spread  largest difference between the values that these ended at, per fitted parameter
+    """
+
+    tried: int
+    agreed: int
+    spread: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """Values over two axes.
+
+    x, y    edges (n + 1,) and (m + 1,) of the cells
+    values  (m, n), NaN where there is none; label: what they are, with unit
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    values: np.ndarray
+    label: str
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """Signals that a picture is drawn from.
+
+    kind    which picture (record, steady, impulse ...); title in words
+    x, y    axis labels with unit
+    curves  label -> (x (n,), y (n,))
+    heat    what lies under the curves, in colours
+    """
+
+    kind: str
+    title: str
+    x: str
+    y: str
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    heat: HeatMap | None = None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The outcome of one step.
+
+    step        name of the step (steady, blackbox, greybox, backlash)
+    drive       the drive with the fitted values
+    parameters  one per parameter of the drive that the step knows about
+    outcome     one sentence: how the fit ended
+    fit         named figures (simulation_fit_percent, one_step_fit_percent, rmse, n, ...)
+    noise       sensor_std per output, torque_std, torque_correlation_time ...
+    details     what else the step found, as plain numbers, strings, lists and mappings
+    data        (file name, sha256) per recording
+    starts      how the starts agreed, where there was a choice
+    explanation which explanation of the record was chosen, and why, in one sentence
+    laws        torques that the motion foretells; no part of the drive
+    ratios      figures that are told beside the parameters, or without them
+    repeats     whether one-step errors are still correlated: something is left out
+    """
+
+    step: str
+    drive: Drive
+    parameters: tuple[Parameter, ...]
+    outcome: str
+    fit: Mapping[str, float | int | None]
+    covariance: Covariance | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    details: Mapping[str, object] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    data: tuple[Source, ...] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    exhibits: tuple[Exhibit, ...] = ()
+    starts: Starts | None = None
+    explanation: str = ""
+    laws: tuple[FoundLaw, ...] = ()
+    ratios: tuple[Parameter, ...] = ()
+    repeats: bool = False
+
+
+def without_intervals(lines: Sequence[Parameter], why: str = "the fit did not settle") -> tuple[Parameter, ...]:
+    """The lines with no interval on what was fitted."""
+    return tuple(p.untold(why) if p.status in ("fitted", "at-bound") else p for p in lines)

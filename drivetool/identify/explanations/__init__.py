@@ -1,1 +1,0 @@
-"""The explanations of a record between which the default fit chooses, see docs/explanation/default-fit.md."""

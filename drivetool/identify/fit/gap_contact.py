@@ -1,0 +1,92 @@
+"""What the shaft does in a record: its torque, and how often its gap opens and is crossed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive import Assembly, Layout, in_contact
+from drivetool.errors import Finding
+from drivetool.identify.noise import Noise, filtered, fit_ratio
+from drivetool.identify.problem import Point
+from drivetool.identify.setup import Task, first_states, replaced
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Shaft torque and contact of one shaft over the records, from filtered states.
+
+    least, most  shaft torque [torque unit] if the gap were closed
+    reverses     whether it changes sign
+    opened       times the contact was lost; crossed: times the other side was reached
+    open_share   share of the samples in the gap
+    """
+
+    least: float
+    most: float
+    reverses: bool
+    opened: int
+    crossed: int
+    open_share: float
+
+
+def contact(task: Task, shaft: int) -> Contact:
+    """The contact of a shaft, from a Kalman pass with the drive as it is."""
+    problem = task.problem(free=())
+    point = Point(np.empty(0), first_states(task.drive, task.roles, problem.traces))
+    noise = fit_ratio(problem, point, Noise(1.0, None, problem.scale))
+    plain, spring = spring_of(task, shaft, problem.traces[0].step)
+    reach = plain.shafts[shaft][0].v * (plain.gaps[shaft].v if shaft in plain.gaps else 0.0)
+    torque, sides = [], []
+    for passed in filtered(problem, point, noise):
+        settled = passed.states[len(passed.states) // 50:]  # past the guess of the start state
+        torque.append(settled @ spring)
+        sides.append(np.where(torque[-1] > reach, 1, np.where(torque[-1] < -reach, -1, 0)))
+    opened = crossed = 0
+    for s in sides:
+        steps = s[np.flatnonzero(np.diff(s, prepend=s[0] - 1))]
+        opened += int(np.sum((steps[:-1] != 0) & (steps[1:] != steps[:-1])))
+        touched = steps[steps != 0]
+        crossed += int(np.sum(touched[1:] != touched[:-1]))
+    all_torque, all_sides = np.concatenate(torque), np.concatenate(sides)
+    # Robust ends: a filter's single outlier is not a sign change.
+    least, most = np.quantile(all_torque, [0.001, 0.999])
+    return Contact(float(least), float(most), bool(least < 0.0 < most), opened, crossed,
+                   float(np.mean(all_sides == 0)))
+
+
+def spring_of(task: Task, shaft: int, step: float) -> tuple[Assembly, np.ndarray]:
+    """(the drive's equations, (nx,) torque of a shaft over its states if its gap were closed)."""
+    plain = Assembly(task.drive, Layout((), task.roles.inputs, task.roles.outputs, step, gradient=False))
+    spring = np.zeros(plain.nx)
+    for j, dual in in_contact(plain, shaft, task.drive.damping_law == "inside").items():
+        spring[j] = dual.v
+    return plain, spring
+
+
+def opened_gaps(task: Task, lacking: str) -> list[Finding]:
+    """Shafts whose torque changes sign in the records, unless their half gap is said to be zero.
+
+    lacking  what the step makes of a gap, in words
+    """
+    found = []
+    for i, shaft in enumerate(task.drive.shafts):
+        name = f"{shaft}.half_gap"
+        if task.drive.values.get(name) == 0.0:
+            continue
+        seen = contact(shut(task), i)
+        if seen.reverses:
+            found.append(Finding(
+                "warning", "gap-may-have-opened",
+                f"The torque of {shaft} reaches from {seen.least:.3g} to {seen.most:.3g} {task.drive.torque_unit}: "
+                f"where it changes sign a gap opens, and {lacking}.",
+                {"least_shaft_torque": seen.least, "largest_shaft_torque": seen.most},
+                f"Use torque steps upward from a constant speed; if there is no gap, say so with --set {name}=0."))
+    return found
+
+
+def shut(task: Task) -> Task:
+    """The task with the gaps closed."""
+    names = [f"{s}.half_gap" for s in task.drive.shafts]
+    return replace(task, drive=replaced(task.drive, names, np.zeros(len(names))))

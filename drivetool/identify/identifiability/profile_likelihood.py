@@ -1,0 +1,104 @@
+"""Profile likelihood of one parameter: the interval that needs no quadratic approximation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
+from drivetool.identify.problem import Point, solve
+from drivetool.identify.setup import Outcome, Task
+
+LEVEL95 = 1.920729410347062  # half the 95 % quantile of chi-square with one degree of freedom
+
+
+@dataclass(frozen=True)
+class Profile:
+    """values (n,) ascending, rise (n,) of -log likelihood over the best, 95 % interval.
+
+    low or high is None where the likelihood does not fall by enough within the values tried.
+    """
+
+    values: np.ndarray
+    rise: np.ndarray
+    low: float | None
+    high: float | None
+
+
+def profile(outcome: Outcome, name: str, step: float, most: int = 8) -> Profile:
+    """Profile of a parameter around an innovations fit, the noise model kept.
+
+    step  first distance from the estimate, about one standard deviation
+    most  points on each side
+    """
+    task = outcome.task.at_point(outcome.solution.point)
+    j = outcome.problem.names.index(name)
+    best = float(outcome.solution.point.values[j])
+    low, high = outcome.problem.low[j], outcome.problem.high[j]
+    found = {best: _refit(task, outcome, name, best)}
+    for side in (-1.0, 1.0):
+        distance = step
+        for _ in range(most):
+            value = float(np.clip(best + side * distance, low, high))
+            if value in found:
+                break
+            found[value] = _refit(task, outcome, name, value)
+            if found[value] - min(found.values()) > 1.5 * LEVEL95 or value in (low, high):
+                break
+            distance *= 1.6
+    values = np.array(sorted(found))
+    rise = np.array([found[v] for v in values])
+    rise -= rise.min()
+    centre = int(np.argmin(rise))
+    return Profile(values, rise, _crossing(values[: centre + 1][::-1], rise[: centre + 1][::-1]),
+                   _crossing(values[centre:], rise[centre:]))
+
+
+def _refit(task: Task, outcome: Outcome, name: str, value: float) -> float:
+    """-log likelihood with one parameter fixed and the others fitted again."""
+    free = tuple(n for n in task.free if n != name)
+    fixed = replace(task.at({name: value}), free=free)
+    problem = fixed.problem()
+    noise: Noise = outcome.fit.noise
+    values = np.array([fixed.drive.value(n) for n in free])
+    starts = tuple(shifted(task, name, value, s) for s in outcome.solution.point.starts)
+    best = np.inf
+    for _ in range(3):
+        point = Point(values, starts)
+        gains = [f.gains for f in filtered(problem, point, noise)]
+        if noise.memory is not None:
+            padded = Point(values, tuple(np.append(s, 0.0) for s in starts))
+            point = solve(problem.with_memory(noise.memory), padded, gains, relative=1e-7).point
+            point = Point(point.values, tuple(s[:-1] for s in point.starts))
+        else:
+            point = solve(problem, point, gains, relative=1e-7).point
+        values, starts = point.values, point.starts
+        new = minus_log_likelihood(filtered(problem, point, noise, keep=False))
+        if new > best - 0.01:
+            return min(best, new)
+        best = new
+    return best
+
+
+def shifted(task: Task, name: str, value: float, start: np.ndarray) -> np.ndarray:
+    """A start state that leaves a contact closed as far as it was, if a half gap changes."""
+    shaft, _, suffix = name.rpartition(".")
+    old = task.drive.value(name) or 0.0
+    column = len(task.drive.bodies) + task.drive.shafts.index(shaft) if suffix == "half_gap" else -1
+    if column < 0 or abs(start[column]) < old:
+        return start
+    new = start.copy()
+    new[column] += np.sign(start[column]) * (value - old)
+    return new
+
+
+def _crossing(values: np.ndarray, rise: np.ndarray) -> float | None:
+    """Where the root of the rise, nearly linear, passes the 95 % level, walking outwards."""
+    root = np.sqrt(np.maximum(rise, 0.0))
+    level = np.sqrt(LEVEL95)
+    for i in range(1, len(values)):
+        if root[i] > level:
+            share = (level - root[i - 1]) / (root[i] - root[i - 1])
+            return float(values[i - 1] + share * (values[i] - values[i - 1]))
+    return None

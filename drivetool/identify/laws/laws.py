@@ -1,0 +1,149 @@
+"""Laws that a drive may lack, as torques that its motion foretells: taken out as known torques, each with a factor.
+
+A law is a nuisance here, not a parameter of the drive: `diagnose` finds and names causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from drivetool.errors import Finding
+from drivetool.identify.estimate import FoundLaw
+from drivetool.identify.motion import Motion, Motions
+from drivetool.logs import Experiment
+
+PEAK = "Stribeck friction"  # as these laws begin
+WIDTHS = (0.02, 0.05, 0.1, 0.2)  # of a Stribeck peak, over the top speed: a decade in steps of two
+BOTH_WAYS = 0.02  # of the time in each direction, as Coulomb friction asks
+PLACES = 64  # of a period
+# Share of its power that a wave over the angle may have as a constant: what hardly turns has the inertia and idle
+# torque of the drive in it, measured noise and all, and no period to be told by.
+CONSTANT = 0.5
+WEIGHTY = 0.01  # of the torque a law, of its value a disagreement: less is not spoken of
+HARMONICS = range(3, 41)  # of the angle, above the two that gravity and a crank have
+
+
+Part = Literal["friction", "inertia", "idle torque", "nothing"]
+UNFELT = "the drive does not feel the noise of the logged torque"
+
+
+@dataclass(frozen=True)
+class Law:
+    """A torque that brakes a body, over its motion.
+
+    name     words for a person
+    columns  one array (n, m) per experiment, of size one; NaN outside its segments
+    of       what of the body it is a part of: friction that is alike in both directions, inertia, or the idle
+             torque, of which it has the mean; or nothing
+    inertia  (m,) of which it has this share
+    body     that it brakes
+    parameter  of the drive that it is, to be freed in its place
+    """
+
+    name: str
+    columns: tuple[np.ndarray, ...]
+    of: Part
+    inertia: np.ndarray | None = None
+    body: str = "motor"
+    parameter: str = ""
+
+    @property
+    def size(self) -> int:
+        """How many columns it has."""
+        return self.columns[0].shape[1]
+
+
+def unfelt(noise: Sequence[np.ndarray]) -> tuple[Law, ...]:
+    """Noise of the log of the motor's torque as a law, if there is any.
+
+    noise  per experiment (n,) what is likely to be noise of the logged torque
+    """
+    size = float(np.sqrt(np.mean(np.concatenate(noise) ** 2)))
+    return (Law(UNFELT, tuple(n[:, None] / size for n in noise), "nothing"),) if size > 0.0 else ()
+
+
+def library(seen: Motions, turns: bool, body: str = "motor", among: str = "") -> tuple[Law, ...]:
+    """Every law over the motion of a body.
+
+    turns  whether it turns, so that its torque may repeat with the angle
+    body   whose motion it is
+    among  what is added to the names, so that they say which body it is
+    """
+    motions, top = seen.each, seen.top
+    longest = max(m.time[-1] - m.time[0] for m in motions)
+    found = []
+
+    def law(name: str, of: Callable[[Motion, np.ndarray, np.ndarray], Sequence[np.ndarray]],
+            part: Part = "idle torque", inertia: np.ndarray | None = None, parameter: str = "") -> None:
+        columns = []
+        for m in motions:
+            passed = 2.0 * (m.time - m.time[0]) / longest - 1.0
+            columns.append(np.column_stack(of(m, m.speed / top, passed)))
+        size = np.sqrt(np.nanmean(np.concatenate(columns) ** 2, axis=0))
+        if np.all(np.isfinite(size)) and np.all(size > 1e-9 * np.nanmax(np.abs(np.concatenate(columns)))):
+            share = None if inertia is None else inertia / size
+            found.append(Law(name + among, tuple(c / size for c in columns), part, share, body, parameter))
+
+    if turns_back(motions):
+        law("friction differs by direction", lambda m, v, t: [np.abs(v)])
+        law("friction changes with time", lambda m, v, t: [t * m.side])
+    if body != "motor":
+        law("dry friction", lambda m, v, t: [m.side], "friction", parameter=f"{body}.coulomb")
+    law("friction grows with the square of the speed", lambda m, v, t: [v * np.abs(v)], "friction")
+    for w in WIDTHS:
+        law(f"{PEAK} below {w:g} of the top speed",
+            lambda m, v, t, w=w: [m.side * np.exp(-(v / w) ** 2)], "friction")
+    law("the torque drifts", lambda m, v, t: [t])
+    orders = [k for k in (1, 2, *HARMONICS) if turns and np.sum(_mean_over_angles(motions, k) ** 2) < CONSTANT]
+    for k, name in ((1, "inertia changes once a turn"), (2, "inertia changes with the angle")):
+        if k in orders:
+            law(name, lambda m, v, t, k=k: [
+                m.acceleration * np.cos(k * m.angle) - 0.5 * k * m.speed**2 * np.sin(k * m.angle),
+                m.acceleration * np.sin(k * m.angle) + 0.5 * k * m.speed**2 * np.cos(k * m.angle)],
+                "inertia", _mean_over_angles(motions, k))
+    for k in orders:
+        law(f"torque repeats {k} times a turn",
+            lambda m, v, t, k=k: [np.cos(k * m.angle), np.sin(k * m.angle)])
+    return tuple(found)
+
+
+def turns_back(motions: Sequence[Motion]) -> bool:
+    """Whether the motor turns both ways: with one direction what differs by direction is friction itself."""
+    side = np.concatenate([np.where(m.slow, 0.0, m.side) for m in motions])  # noise turns what stands both ways
+    return bool(min(np.mean(side > 0.0), np.mean(side < 0.0)) > BOTH_WAYS)
+
+
+def _mean_over_angles(motions: Sequence[Motion], order: int) -> np.ndarray:
+    """(2,) mean of the cosine and sine of a multiple of the angle over the angles visited, each counted once.
+
+    Over time it would follow the motion, whose acceleration is larger where the inertia is less.
+    """
+    phase = order * np.concatenate([m.angle for m in motions]) / (2.0 * np.pi)
+    place = np.unique(np.floor(np.mod(phase[np.isfinite(phase)], 1.0) * PLACES))
+    middle = 2.0 * np.pi * (place + 0.5) / PLACES
+    return np.array([np.cos(middle).mean(), np.sin(middle).mean()])
+
+
+def weighty(laws: Sequence[FoundLaw], experiments: Sequence[Experiment]) -> dict[str, float]:
+    """The laws that are much of the motor's torque, each with its share of that."""
+    torque = np.concatenate([e.signals["motor_torque"][a:b] for e in experiments for a, b in e.segments])
+    size = float(np.sqrt(np.mean(torque**2)))
+    return {law.name: float(np.linalg.norm(law.factors)) / size for law in laws
+            if np.linalg.norm(law.factors) > WEIGHTY * size}
+
+
+def model_error(heavy: Mapping[str, float], guess: str | None = None) -> Finding:
+    """What is said of a drive that lacks something.
+
+    heavy  laws with their shares of the torque; guess: the one that it is, None: the largest
+    """
+    guess = guess or (max(heavy, key=heavy.__getitem__) if heavy else None)
+    text = "The model lacks something physical" + (f" (best guess: {guess})" if guess else "")
+    return Finding(
+        "warning", "model-error", f"{text}; a noise model would hide it.",
+        {f"share of the torque: {n}": s for n, s in heavy.items()},
+        "Run diagnose on this file; intervals, where there are any, include what the explanations disagree in.")

@@ -1,0 +1,105 @@
+"""The torque that a motion asks of the motor: what every effect on its body adds, and its derivatives.
+
+The effects stamp their laws as for a simulation; here the motion is put into them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drivetool.drive import Assembly, Drive, Law, Layout, is_constant
+from drivetool.drive.arrays import PARAMETERS
+from drivetool.drive.effects import LAW_TORQUES
+from drivetool.errors import BadOption
+from drivetool.identify.motion.motion import Motion
+
+PATHS = ("converter.bandwidth", "converter.dead_time", "sensor.bandwidth")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the torque: value (n,) and its derivatives (n, k) over the free parameters."""
+
+    value: np.ndarray
+    slopes: np.ndarray
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a motion asks for, by how it follows from the motion.
+
+    accelerating  in proportion to the acceleration; sliding: to the speed
+    rest          in any other way
+    """
+
+    accelerating: Part
+    sliding: Part
+    rest: Part
+
+
+def first_body(drive: Drive) -> Drive:
+    """The motor's body alone, with all that acts on it."""
+    body = drive.bodies[0]
+    values = {n: v for n, v in drive.values.items() if n.startswith((f"{body}.", "friction."))}
+    torques = tuple(n for n in drive.known_torques if n.startswith(f"{body}."))
+    return replace(drive, bodies=(body,), shafts=(), values=values, known_torques=torques)
+
+
+def logged_as_it_acts(drive: Drive, free: Sequence[str]) -> None:
+    """Raise BadOption where a path lies between the log and the body."""
+    acting = [n for n in PATHS if n in free or drive.value(n) != drive.quantity(n).neutral]
+    acting += [n for n in drive.values if is_constant(n)]  # another one than the torque was made with
+    if acting:
+        raise BadOption("torque and motion logged as they act, for --criterion inverse", ", ".join(acting),
+                        "Leave --criterion out: a simulation knows such a path.")
+
+
+def asked(drive: Drive, free: Sequence[str], motion: Motion, step: float,
+          inputs: Mapping[str, np.ndarray]) -> Asked:
+    """The torque of the motor that a motion of its body takes.
+
+    drive    of one body, with values
+    free     names of its k free parameters
+    motion   means over the samples' intervals, each (n,)
+    step     sample interval [s]
+    inputs   role -> (n,) other torques on the body, known ones among them
+    returns  Asked, [N m] or the drive's unit
+    """
+    layout = Layout(tuple(free), ("motor_torque", *inputs), ("motor_angle",), step)
+    a = Assembly(drive, layout)
+    k, n = len(free), len(motion.speed)
+    state = {a.speed(0): motion.speed, a.states.index("angle"): motion.angle, a.constant: np.ones(n)}
+    state |= {a.nx + 1 + i: values for i, values in enumerate(inputs.values())}
+    mass = a.masses[0].jet()
+    accelerating = Part(mass[0] * motion.acceleration, np.outer(motion.acceleration, mass[1:1 + k]))
+    sliding, rest = np.zeros((n, 1 + k)), np.zeros((n, 1 + k))
+    for (row, column), factor in a.rows.items():
+        if row == 0 and column in state:
+            (sliding if column == a.speed(0) else rest)[:] -= np.outer(state[column], factor.jet()[:1 + k])
+    for level in a.frictions.values():
+        rest += np.outer(motion.side, level.jet()[:1 + k])
+    for law in a.laws:
+        rest -= _of_law(law, state, motion, k)
+    return Asked(accelerating, *(Part(p[:, 0], p[:, 1:]) for p in (sliding, rest)))
+
+
+def _of_law(law: Law, state: Mapping[int, np.ndarray], motion: Motion, k: int) -> np.ndarray:
+    """(n, 1 + k) torque of a smooth law at every sample, and its derivatives."""
+    torque, n = LAW_TORQUES[law.name], len(motion.speed)
+    arguments = np.zeros((2, n, 1 + k))
+    for i, row in enumerate((law.first, law.second)):
+        for column, factor in row.items():
+            arguments[i] += np.outer(state[column], factor.jet()[:1 + k])
+    parameters = np.array([p.jet()[:1 + k] for p in law.parameters])
+    side = motion.side if law.slides else np.ones(n)
+    out, found = np.zeros((n, 3 + PARAMETERS)), np.zeros((n, 1 + k))
+    for i in np.flatnonzero(np.isfinite(motion.speed)):
+        torque(arguments[0, i, 0], arguments[1, i, 0], motion.time[i], side[i], parameters, out[i])
+    found[:, 0] = out[:, 0]
+    found[:, 1:] = out[:, 1, None] * arguments[0, :, 1:] + out[:, 2, None] * arguments[1, :, 1:]
+    found[:, 1:] += out[:, 3:3 + len(parameters)] @ parameters[:, 1:]
+    found[~np.isfinite(motion.speed)] = np.nan
+    return found

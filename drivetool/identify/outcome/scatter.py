@@ -1,0 +1,78 @@
+"""Groups that scatter by more than the noise within them: how much, and what it does to their mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.stats import chi2, t as student
+
+from drivetool.identify.estimate import Z95
+
+
+@dataclass(frozen=True)
+class Mean:
+    """Of groups, each weighed by its noise and the scatter between them: value and variance, by so many groups."""
+
+    value: float
+    variance: float
+    count: int
+
+
+def mean_of(y: np.ndarray, variance: np.ndarray) -> Mean:
+    """The mean of groups (n,) with variances (n,) by noise of their own.
+
+    source  Hartung and Knapp 2001: by how the groups scatter, whatever part of that is noise
+    """
+    weight = 1.0 / (restricted(y, variance) + variance)
+    whole = float(np.sum(weight))
+    value = float(np.sum(weight * y)) / whole
+    return Mean(value, float(np.sum(weight * (y - value) ** 2)) / ((len(y) - 1) * whole), len(y))
+
+
+def chance_of(one: Mean, other: Mean) -> float:
+    """Chance that means which are equal differ as much, by Student's t (Welch 1947)."""
+    both = one.variance + other.variance
+    if both <= 0.0:
+        return float(one.value == other.value)
+    degrees = both**2 / sum(m.variance**2 / (m.count - 1) for m in (one, other))
+    return float(2.0 * student.sf(abs(other.value - one.value) / np.sqrt(both), degrees))
+
+
+def restricted(y: np.ndarray, variance: np.ndarray) -> float:
+    """The variance between groups, by restricted likelihood.
+
+    y         (n,) what each says; variance: (n,) of each by noise of its own
+    """
+    def slope(between: float) -> float:
+        weight = 1.0 / (between + variance)
+        mean = np.sum(weight * y) / np.sum(weight)
+        return float(np.sum(weight**2 * (y - mean) ** 2) - np.sum(weight) + np.sum(weight**2) / np.sum(weight))
+
+    if slope(0.0) <= 0.0:
+        return 0.0
+    high = 4.0 * float(np.var(y, ddof=1))
+    while slope(high) > 0.0:
+        high *= 4.0
+    return float(brentq(slope, 0.0, high))
+
+
+def heterogeneity(y: np.ndarray, variance: np.ndarray) -> float:
+    """Chance that groups which do not differ scatter as much (Cochran 1954)."""
+    weight = 1.0 / variance
+    mean = np.sum(weight * y) / np.sum(weight)
+    return float(chi2.sf(np.sum(weight * (y - mean) ** 2), len(y) - 1))
+
+
+def half_width(std: float, between: float, count: float) -> float:
+    """Of the 95 % interval, of whose standard deviation one part is known from few recordings only.
+
+    std      of everything; between: the part by what varies
+    count    of the recordings
+    source   JCGM 100:2008 (GUM), annex G.4: effective degrees of freedom after Welch and Satterthwaite
+    """
+    if between <= 0.0:
+        return Z95 * std
+    degrees = max(count - 1.0, 1.0) * max(std / between, 1.0) ** 4
+    return float(student.ppf(0.975, degrees)) * std

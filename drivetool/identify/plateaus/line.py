@@ -1,0 +1,204 @@
+"""The friction line through steady points: what of it the points determine, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from drivetool.errors import NotEnoughData
+from drivetool.identify.plateaus.points import Interval, mean_variances
+
+KEYS = ("viscous", "idle_torque", "coulomb")
+# Means of speed closer than this share of the fastest are one level.
+SAME_LEVEL = 0.02
+# Slower than this share of the fastest motion is standstill: sticking friction takes any torque there.
+STANDSTILL = 0.01
+# The scatter counts as larger than predicted below this probability.
+UNLIKELY = 0.01
+
+
+@dataclass(frozen=True)
+class Points:
+    """Steady points of one line: speed, torque and their standard deviations, each (k,).
+
+    intervals  where they come from
+    variance   (k,) of torque - c speed, which is what scatters about the line; dof: its degrees of freedom
+    """
+
+    intervals: tuple[Interval, ...]
+    speed: np.ndarray
+    torque: np.ndarray
+    speed_std: np.ndarray
+    torque_std: np.ndarray
+    variance: np.ndarray
+    dof: float
+
+    @property
+    def levels(self) -> np.ndarray:
+        """(k,) |speed| of the level each point belongs to, the same for both directions."""
+        size = np.abs(self.speed)
+        order, found = np.argsort(size), np.empty(len(size))
+        first = None
+        for i in order:
+            if first is None or size[i] - first > SAME_LEVEL * size.max():
+                first = size[i]
+            found[i] = first
+        return found
+
+
+@dataclass(frozen=True)
+class Line:
+    """A fitted line T = viscous w + idle_torque + coulomb sgn(w).
+
+    values       key -> value, fitted or not; the line is these and `carried` together
+    free         keys that were fitted, in the order of `covariance`
+    conditional  keys whose values hold only together with an assumed one
+    at_bound     keys that are held at zero because they came out negative -> the value they had
+    quantile     of Student's t for 95 % intervals
+    chi2, dof, probability of the scatter; unexplained: whether the noise does not explain it
+    inflation    of the standard deviations by the scatter; rmse of the residuals
+    weights      (len(free), k): free values = weights @ (torque less what is held), for joint covariances
+    carried      key -> part of the line that parameters held elsewhere carry
+    """
+
+    values: Mapping[str, float]
+    free: tuple[str, ...]
+    covariance: np.ndarray
+    conditional: tuple[str, ...]
+    at_bound: Mapping[str, tuple[float, float]]
+    quantile: float
+    chi2: float
+    dof: int
+    probability: float
+    unexplained: bool
+    inflation: float
+    rmse: float
+    weights: np.ndarray
+    carried: Mapping[str, float]
+
+    def torque(self, speed: np.ndarray) -> np.ndarray:
+        """(n,) torque of the line at the speeds (n,)."""
+        return _design(speed, KEYS) @ np.array([self.values[k] + self.carried.get(k, 0.0) for k in KEYS])
+
+
+def make_points(intervals: Sequence[Interval], torque: str, speed: str) -> Points | None:
+    """Points of torque over speed; standstill left out. None if nothing is left.
+
+    What is left of the acceleration in an interval is taken off its torque: the tail of a set-point step
+    is far below the noise and would still shift a mean over thousands of samples.
+
+    torque, speed  roles
+    """
+    w = np.array([i.mean(speed) for i in intervals])
+    moving = np.abs(w) > STANDSTILL * max(i.fastest for i in intervals)
+    kept = tuple(i for i, m in zip(intervals, moving, strict=True) if m)
+    if not kept:
+        return None
+    w, steps = w[moving], [i.step for i in kept]
+    torques, speeds = [i.signals[torque] for i in kept], [i.signals[speed] for i in kept]
+    t = np.array([i.mean(torque) - i.inertia[torque] * i.rise for i in kept])
+    rough = np.linalg.lstsq(np.column_stack([w, np.ones_like(w), np.sign(w)]), t, rcond=None)[0][0]
+    drift = np.array([i.inertia[torque] * i.rise_std for i in kept])
+    noise, dof = mean_variances([a - rough * b for a, b in zip(torques, speeds, strict=True)], steps)
+    # A noiseless record still rounds.
+    variance = np.maximum(noise + drift**2, (1e-9 * np.abs(t).max(initial=0.0))**2 + 1e-300)
+    return Points(kept, w, t, np.sqrt(mean_variances(speeds, steps)[0]),
+                  np.sqrt(mean_variances(torques, steps)[0] + drift**2), variance, dof)
+
+
+def fit_line(points: Points, held: Mapping[str, float], start: Mapping[str, float],
+             carried: Mapping[str, float], what: str) -> Line:
+    """Weighted least squares of T = viscous w + idle_torque + coulomb sgn(w).
+
+    points   with the variance of torque - c speed
+    held     key -> value that stays; start: key -> value to assume where the points say nothing
+    carried  key -> what is known to be part of the line besides
+    what     for messages, for example "motor torque over motor speed"
+    returns  Line; viscous and Coulomb friction that come out negative are set to zero
+    raises   NotEnoughData: the torques do not lie on a line
+    """
+    values = dict(held)
+    known = _design(points.speed, KEYS) @ np.array([carried.get(key, 0.0) for key in KEYS])
+    torque = points.torque - known
+    free = [key for key in KEYS if key not in held]
+    both = len(set(np.sign(points.speed))) == 2
+    if not both and "coulomb" in free and "idle_torque" in free:
+        free.remove("coulomb")
+        values["coulomb"] = 0.0
+    conditional = tuple(_undetermined(points, free))
+    # Assume as little as it takes; the viscous friction first, a start value of it is often known.
+    for key in ("viscous", "coulomb"):
+        if key in free and key in _undetermined(points, free):
+            free.remove(key)
+            values[key] = start.get(key, 0.0)
+    at_bound = {}
+    while True:
+        found, covariance, weights = _solve(points, torque, free, values)
+        negative = [k for k in free if k != "idle_torque" and found[k] < 0]
+        if not negative:
+            break
+        worst = negative[0]
+        at = free.index(worst)
+        at_bound[worst] = (found[worst], float(np.sqrt(covariance[at, at])))
+        free.remove(worst)
+        values[worst] = 0.0
+    values |= found
+    residual = torque - _design(points.speed, KEYS) @ np.array([values[k] for k in KEYS])
+    chi2, dof = float(np.sum(residual**2 / points.variance)), len(residual) - len(free)
+    probability = float(stats.chi2.sf(chi2, dof)) if dof > 0 else 1.0
+    rmse = float(np.sqrt(np.mean(residual**2)))
+    _refuse_scatter(points, rmse, probability, dof, what)
+    unexplained = probability < UNLIKELY
+    # Batches and residuals both measure the noise; if they agree, they are averaged by their freedom.
+    inflation = np.sqrt(chi2 / dof if unexplained else (points.dof + chi2) / (points.dof + dof))
+    quantile = float(stats.t.ppf(0.975, dof if unexplained else points.dof + dof))
+    return Line(values, tuple(free), covariance * inflation**2, conditional, at_bound, quantile, chi2, dof,
+                probability, unexplained, float(inflation), rmse, weights, dict(carried))
+
+
+def _design(speed: np.ndarray, keys: Sequence[str]) -> np.ndarray:
+    """(k, len(keys)) columns of the line."""
+    columns = {"viscous": speed, "idle_torque": np.ones_like(speed), "coulomb": np.sign(speed)}
+    return np.column_stack([columns[key] for key in keys]) if keys else np.zeros((len(speed), 0))
+
+
+def _undetermined(points: Points, free: Sequence[str]) -> list[str]:
+    """Keys that could take any value if another one made up for it, at the levels there are."""
+    matrix = _design(points.levels * np.sign(points.speed), free)
+    if not free:
+        return []
+    matrix = matrix / np.abs(matrix).max(axis=0)
+    _, sizes, rows = np.linalg.svd(matrix, full_matrices=True)
+    rank = int(np.sum(sizes > 1e-9 * sizes[0]))
+    loose = np.abs(rows[rank:]).max(axis=0, initial=0.0)
+    return [key for key, part in zip(free, loose, strict=True) if part > 1e-6]
+
+
+def _solve(points: Points, torque: np.ndarray, free: Sequence[str],
+           values: Mapping[str, float]) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
+    """(key -> value, covariance, weights) of the free keys, the others taken from `values`."""
+    if not free:
+        return {}, np.zeros((0, 0)), np.zeros((0, len(points.speed)))
+    others = [key for key in KEYS if key not in free]
+    rest = torque - _design(points.speed, others) @ np.array([values[key] for key in others])
+    matrix = _design(points.speed, free)
+    scale = np.abs(matrix).max(axis=0)
+    weight = 1 / points.variance
+    # Scaled columns: speeds of 1e3 and ones side by side would lose digits.
+    normal = (matrix / scale).T @ ((matrix / scale) * weight[:, None])
+    covariance = np.linalg.inv(normal) / np.outer(scale, scale)
+    weights = covariance @ (matrix * weight[:, None]).T
+    found = weights @ rest
+    return {key: float(value) for key, value in zip(free, found, strict=True)}, covariance, weights
+
+
+def _refuse_scatter(points: Points, rmse: float, probability: float, dof: int, what: str) -> None:
+    """A line that leaves half of the torque is no friction line, unless the noise explains it."""
+    rms = float(np.sqrt(np.mean(points.torque**2)))
+    if dof > 0 and probability < UNLIKELY and rmse > 0.5 * rms:
+        raise NotEnoughData(
+            f"steady torques on a line ({what})", f"a scatter of {rmse:.3g} about it, of {rms:.3g} in all",
+            "Keep the load constant while the speed is stepped, and check both channels.")

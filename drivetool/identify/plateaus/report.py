@@ -1,0 +1,181 @@
+"""What the steady step says about its lines: parameters, findings and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import Finding
+from drivetool.identify.estimate import Exhibit, Parameter
+from drivetool.identify.plateaus.line import Line, Points
+from drivetool.identify.plateaus.points import speed_of
+from drivetool.identify.setup import supply_of
+from drivetool.logs import Experiment
+
+DRAWN = 500  # parts of a recording that a picture shows apart
+
+
+@dataclass(frozen=True)
+class Task:
+    """One friction line and the parameters it gives.
+
+    torque, speed  roles that are plotted over each other; "difference" is motor less shaft torque
+    body           whose friction it is; None: of all bodies together
+    names          key of the line -> parameter that takes it; None if it is held
+    held           key -> value of what is held entirely
+    start          key -> value to assume where the points say nothing
+    carried        key -> part of it that parameters held by the user carry
+    """
+
+    torque: str
+    speed: str
+    body: str | None
+    names: Mapping[str, str | None]
+    held: Mapping[str, float]
+    start: Mapping[str, float]
+    carried: Mapping[str, float]
+
+    @property
+    def what(self) -> str:
+        """The line in words."""
+        torque = "motor less shaft torque" if self.torque == "difference" else self.torque.replace("_", " ")
+        return f"{torque} over {self.speed.replace('_', ' ')}"
+
+
+def parameter(name: str, key: str, task: Task, points: Points, line: Line, drive: Drive) -> Parameter:
+    """One part of the line as a parameter."""
+    unit, value = drive.unit(name), line.values[key]
+    start = drive.values.get(name)
+    if start is None and name.startswith("total."):
+        start = task.start.get(key)
+    if key in line.at_bound:
+        free, std = line.at_bound[key]
+        return Parameter(name, 0.0, unit, start, ci95=(0.0, max(0.0, free + line.quantile * std)),
+                         status="at-bound",
+                         reason=f"came out negative ({free:.4g} +- {std:.2g} {unit}), which no friction is")
+    if key in line.conditional:
+        return Parameter(name, value, unit, start, status="not-identifiable",
+                         reason=_loose(key, points, line))
+    if key not in line.free:
+        return Parameter(name, value, unit, start, status="not-identifiable",
+                         reason="one direction only: counted in the idle torque; steady running in both "
+                                "directions tells them apart")
+    at = line.free.index(key)
+    std = float(np.sqrt(line.covariance[at, at]))
+    half = line.quantile * std
+    return Parameter(name, value, unit, start, std, (value - half, value + half))
+
+
+def _loose(key: str, points: Points, line: Line) -> str:
+    """Why a part of the line is not determined by it."""
+    speed = float(np.mean(points.levels))
+    if key == "viscous":
+        return f"all intervals are at one speed ({speed:.4g}): assumed; run at two or more speeds"
+    return (f"known only together with the viscous friction, assumed {line.values['viscous']:.4g}, because "
+            f"all intervals are at one speed ({speed:.4g}); run at two or more speeds")
+
+
+def line_findings(task: Task, points: Points, line: Line, drive: Drive, intervals: int) -> list[Finding]:
+    """What a person should know about one line."""
+    found = []
+    unit = drive.torque_unit
+    forward, backward = int(np.sum(points.speed > 0)), int(np.sum(points.speed < 0))
+    if 0 in (forward, backward) and None not in (task.names["idle_torque"], task.names["coulomb"]):
+        found.append(in_one_direction(str(task.names["idle_torque"]), forward, backward))
+    if line.conditional:
+        speed = float(np.mean(points.levels))
+        loose = " and ".join(task.names[key] for key in line.conditional)
+        found.append(Finding(
+            "warning", "one-level", f"All steady intervals are at one speed ({speed:.4g}), so {loose} "
+            "cannot be told apart.", {"speed": speed, "torque": float(np.mean(points.torque))},
+            "Record steady intervals at two or more speeds, the farther apart the better."))
+    for key, (value, std) in line.at_bound.items():
+        name = task.names[key]
+        found.append(Finding(
+            "warning" if value < -2 * std else "note", f"negative-{key}",
+            f"{name} came out negative ({value:.4g} +- {std:.2g}) and was set to zero.",
+            {"value": value, "std": std},
+            "Check for friction that falls with speed (Stribeck), a load that changes, or a wrong sign.", name))
+    if line.unexplained:
+        found.append(Finding(
+            "warning", "scatter-beyond-noise", f"The steady points ({task.what}) scatter {line.rmse:.3g} "
+            f"{unit} about the line, {line.inflation:.2g} times what the noise explains; the intervals are "
+            "widened by that.", {"chi2": line.chi2, "dof": line.dof, "probability": line.probability,
+                                 "inflation": line.inflation},
+            "Look at the picture: a bend is friction that is not linear, scatter at equal speed a load that "
+            "changes."))
+    still = intervals - len(points.speed)
+    if still:
+        found.append(Finding(
+            "note", "standstill-left-out", f"{still} steady intervals at standstill are left out: sticking "
+            "friction takes any torque there.", {"intervals": still}))
+    return found
+
+
+def body_findings(task: Task, drive: Drive) -> list[Finding]:
+    """That steady running does not tell on which body the Coulomb friction acts."""
+    if len(drive.bodies) == 1:
+        return []
+    return [Finding(
+        "note", "coulomb-body-unknown", f"{task.names['coulomb']} stands for the Coulomb friction of all "
+        "bodies; steady running does not tell where it acts.", {},
+        "A record with many slow reversals, or a shaft torque sensor, tells.")]
+
+
+def point_list(task: Task, points: Points) -> list[dict[str, object]]:
+    """The points as plain numbers."""
+    return [{"line": task.what, "file": i.file, "start": i.start, "end": i.end,
+             "speed": float(w), "speed_std": float(sw), "torque": float(t), "torque_std": float(st)}
+            for i, w, sw, t, st in zip(points.intervals, points.speed, points.speed_std, points.torque,
+                                       points.torque_std, strict=True)]
+
+
+def exhibits(experiments: Sequence[Experiment], results: Sequence[tuple[Task, Points, Line]],
+             drive: Drive) -> tuple[Exhibit, ...]:
+    """The points with their line, and every record with the steady intervals marked."""
+    motion, unit = drive.motion_unit, drive.torque_unit
+    shown = []
+    for task, points, line in results:
+        curves = {"points": (points.speed, points.torque), "std": (points.speed, np.sqrt(points.variance))}
+        for sign, label in ((1, "fit forward"), (-1, "fit backward")):
+            side = points.speed[np.sign(points.speed) == sign]
+            if len(side):
+                ends = sign * np.array([1e-6, 1.05]) * np.abs(side).max()
+                curves[label] = (ends, line.torque(ends))
+        shown.append(Exhibit("steady", f"Steady points: {task.what}", f"speed [{motion}/s]",
+                             f"torque [{unit}]", curves))
+    spans = results[0][1].intervals  # two lines are drawn through the same ones
+    for e in experiments:
+        inside = [tuple(max(round((t - e.offset) / e.step), 0) for t in (span.start, span.end))
+                  for span in spans if span.file == e.name]
+        shown.append(record_with("steady intervals", e, inside, drive))
+    return tuple(shown)
+
+
+def record_with(what: str, experiment: Experiment, spans: Sequence[tuple[int, ...]], drive: Drive) -> Exhibit:
+    """A recording with some of its samples, (first, last+1) each, marked as what they are."""
+    apart = max(1, experiment.size // DRAWN)  # or counts between two samples would be all that is seen
+    time, speed = experiment.time, speed_of(experiment, "motor", "the picture", apart)
+    marked = np.full(len(speed), np.nan)
+    for first, last in spans:
+        marked[first:last] = speed[first:last]
+    supply = supply_of(experiment)
+    acts = {f"torque [{drive.torque_unit}]": experiment.signals[role]
+            for role in ("motor_torque",) if role in experiment.signals} if supply is None else {
+                "voltage, peak [V]": supply}
+    return Exhibit(
+        "record", f"{what[0].upper()}{what[1:]} in {experiment.name}", "time [s]",
+        f"motor speed [{drive.motion_unit}/s]",
+        {"measured speed": (time, speed), what: (time, marked)} | {n: (time, v) for n, v in acts.items()})
+
+
+def in_one_direction(idle: str, forward: int, backward: int) -> Finding:
+    """That an idle torque has the Coulomb friction in it; idle: its name; the intervals of either direction."""
+    return Finding(
+        "note", "idle-and-coulomb-together", "All steady intervals turn one way, so idle torque and "
+        f"Coulomb friction cannot be told apart; {idle} holds the idle torque {'plus' if forward else 'less'} "
+        "the Coulomb friction.", {"forward": forward, "backward": backward},
+        "Add steady intervals in the other direction, if the machine may turn that way.")

@@ -1,0 +1,60 @@
+"""Noise coefficients by restricted likelihood: what the dynamics absorb is not missing from the noise.
+
+Maximum likelihood fits noise to what the dynamics leave over, and they take the most where the noise counts
+most for them: over a record of few periods of the resonance the stated intervals came out 7 % too short.
+The restricted likelihood integrates over the dynamics and the starts. For the noise coefficients alone that
+adds half the logarithm of the determinant of their information to the cost.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from drivetool.identify.polynomial.pem_model import Prediction
+from drivetool.identify.problem import Point
+
+NUDGE = 0.05  # of a standard deviation, for differences
+FARTHEST = 1.0  # standard deviations that a shift may have; beyond, its quadratic picture is no good
+
+
+def noise_columns(problem: Prediction) -> np.ndarray:
+    """Which coefficients describe the noise alone."""
+    s, k = problem.structure, len(problem.names)
+    return np.concatenate([np.arange(k)[s.part(letter)] for letter in "CD"])
+
+
+def restricted_shift(problem: Prediction, point: Point, covariance: np.ndarray) -> np.ndarray:
+    """(k,) from the maximum of the likelihood to that of the restricted one.
+
+    point       where the determinant is differentiated; covariance (k, k) there
+    returns     zeros where there are no noise coefficients, or the covariance does not know them
+    source      Harville 1977 (restricted likelihood); one Newton step: the Hessian's inverse is the
+                covariance, and the determinant's gradient is over the noise coefficients only
+    """
+    noise = noise_columns(problem)
+    std = np.sqrt(np.diag(covariance)[noise])
+    if not len(noise) or not np.all(np.isfinite(covariance)) or not np.all(std > 0.0):
+        return np.zeros(len(problem.names))
+    slope = np.zeros(len(noise))
+    for i, column in enumerate(noise):
+        up, down = (_log_volume(problem, point, noise, column, d) for d in (NUDGE * std[i], -NUDGE * std[i]))
+        slope[i] = (up - down) / (2.0 * NUDGE * std[i])
+    size = np.sqrt(slope @ covariance[np.ix_(noise, noise)] @ slope)
+    if not np.isfinite(size):
+        return np.zeros(len(problem.names))
+    return -covariance[:, noise] @ slope * min(1.0, FARTHEST / max(size, 1e-300))
+
+
+def _log_volume(problem: Prediction, point: Point, noise: np.ndarray, column: int, nudge: float) -> float:
+    """Half the log determinant of the information on dynamics and starts, one noise coefficient nudged."""
+    values, k = point.values.copy(), len(problem.names)
+    values[column] += nudge
+    dynamics = np.setdiff1d(np.arange(k), noise)
+    total, shared = 0.0, []
+    for start, stretch in zip(point.starts, problem.stretches, strict=True):
+        _, j = problem.jacobian(values, start, stretch)
+        q, r = np.linalg.qr(j[:, k:])
+        total += float(np.sum(np.log(np.abs(np.diag(r)))))
+        j = j[:, dynamics]
+        shared.append(np.linalg.qr(j - q @ (q.T @ j), mode="r"))
+    return total + float(np.sum(np.log(np.abs(np.diag(np.linalg.qr(np.vstack(shared), mode="r"))))))

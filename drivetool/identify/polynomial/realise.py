@@ -1,0 +1,183 @@
+"""From a polynomial model to the chain that has its response: inertias, stiffnesses, damping, friction.
+
+The continued fraction of cauer.py gives the chain without damping. A chain of n bodies has 4 n - 2 such
+parameters, and a model of order 2 n - 1 as many coefficients: from there the two responses are made equal,
+and the covariance of the coefficients goes over to the parameters without a further assumption.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive import Drive, state_space
+from drivetool.identify.estimate import Z95, Covariance, Parameter
+from drivetool.identify.frequency import LineProblem
+from drivetool.identify.polynomial.cauer import chain_of
+from drivetool.identify.polynomial.pem_figures import RINGS, Figures
+from drivetool.identify.problem import Point, solve
+from drivetool.identify.setup import HeldResponse
+
+POINTS = 60
+ALIKE = 1e-9  # rms of it at which the search may end
+EQUAL = 1e-4  # rms of the relative difference up to which two responses count as the same
+Found = dict[str, tuple[float, float | None]]
+
+
+def undamped(drive: Drive, f: Figures) -> dict[str, float]:
+    """Start values by the continued fraction; empty if the model has no such chain.
+
+    Friction is shared out by inertia, shaft damping as the damping ratio of the resonance asks.
+    """
+    n = len(drive.bodies)
+    if len(f.resonances) != n - 1 or len(f.notches) != n - 1:
+        return {}
+    slow = [r.s.real for r in f.poles if r.s.imag == 0.0]
+    pole = -min(slow, key=abs) if slow else 0.0
+    z, p = (np.array([x.rad_s for x in pairs]) for pairs in (f.notches, f.resonances))
+    w = 0.5 * z[0] if n > 1 else np.pi / f.step / 50.0
+    g = abs(f.response(np.array([w / (2.0 * np.pi)]))[0][0])
+    total = np.prod(1.0 - (w / z) ** 2) / np.prod(1.0 - (w / p) ** 2) / (g * abs(1j * w + pole))
+    inertias, stiffnesses = chain_of(float(total), z, p)
+    if not inertias:
+        return {}
+    found, square = {}, 1.0
+    for i, body in enumerate(drive.bodies):
+        if i:
+            shaft, pair = drive.shafts[i - 1], f.resonances[i - 1]
+            square *= (drive.value(f"{shaft}.ratio") or 1.0) ** 2
+            found[f"{shaft}.stiffness"] = stiffnesses[i - 1] * square
+            found[f"{shaft}.damping"] = 2.0 * max(pair.damping, 0.0) / pair.rad_s * found[f"{shaft}.stiffness"]
+        name, value = _mass_of(drive, body, inertias[i] * square)
+        found[name] = value
+        found[f"{body}.viscous"] = max(pole, 0.0) * inertias[i] * square
+    return found
+
+
+def _mass_of(drive: Drive, body: str, inertia: float) -> tuple[str, float]:
+    """(name, value) of what makes up an inertia: the mass a body is known to carry, else its own inertia."""
+    if not drive.value(f"{body}.carried_mass"):
+        return f"{body}.inertia", inertia
+    radius, own = drive.value(f"{body}.radius"), drive.value(f"{body}.inertia") or 0.0
+    return f"{body}.carried_mass", max(inertia - own, 0.01 * inertia) / radius**2
+
+
+def conversion(drive: Drive, f: Figures, differenced: int = 0) -> tuple[Found, Covariance | None, str]:
+    """(name -> (value, std), covariance, why there is none).
+
+    drive        a chain of n bodies; its ratios are used, its converter takes no part
+    differenced  1 if the output is the mean speed over an interval
+    """
+    n, s = len(drive.bodies), f.fit.structure
+    start = {} if f.unstable else undamped(drive, f)
+    if not start:
+        return {}, None, (
+            f"{n} bodies need {n - 1} notches and resonances in turn, a notch first; the model of order "
+            f"{s.order} has "
+            f"{len(f.notches)} and {len(f.resonances)}" + (", and is unstable" if f.unstable else ""))
+    names = tuple(name for name in drive.quantities if name in start)
+    problem = _same_response(drive.with_values(start), names, f, differenced)
+    loose = Point(np.array([start[name] for name in names]), ())
+    solution = solve(problem, loose, most=200, relative=1e-14, enough=POINTS * ALIKE**2)
+    r, j = problem.residual(solution.point.values)
+    if s.order != 2 * n - 1 or np.sqrt(np.mean(np.abs(r) ** 2)) > EQUAL:
+        return {name: (value, None) for name, value in start.items()}, None, ""
+    # Both sides as real numbers: the change of the response with the parameters is that with the coefficients.
+    mine, theirs = np.vstack([j.real, j.imag]), _over_coefficients(problem, f)
+    size = np.linalg.norm(mine, axis=0)
+    table = np.linalg.lstsq(mine / size, theirs, rcond=1e-12)[0] / size[:, None]
+    matrix = table @ f.fit.covariance @ table.T
+    stds = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    found = {name: (float(v), float(d) if np.isfinite(d) and d > 0.0 else None)
+             for name, v, d in zip(names, solution.point.values, stds, strict=True)}
+    return found, Covariance(names, matrix), ""
+
+
+def ringing(drive: Drive) -> dict[str, float]:
+    """|s| of the ringing zeros and poles of the drive in continuous time [rad/s]: notch 1, ..., resonance 1, ..."""
+    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    a, _, _, _ = state_space(replace(drive, values=away))
+    found = {}
+    # The torque enters where the speed is measured: its zeros are the poles with that body held.
+    for label, matrix in (("notch", a[1:, 1:]), ("resonance", a)):
+        pairs = sorted(abs(s) for s in np.linalg.eigvals(matrix) if s.imag > 0.0 and abs(s.real) < RINGS * abs(s))
+        found |= {f"{label} {i}": float(w) for i, w in enumerate(pairs, 1)}
+    return found
+
+
+def ringing_with_std(drive: Drive, found: Mapping[str, tuple[float, float | None]], covariance: Covariance,
+                     ) -> dict[str, tuple[float, float | None]]:
+    """name -> (rad/s, std) of the drive that a conversion found.
+
+    The zeros of a sampled model are not those of the drive: holding the torque moves a notch, by little, but
+    by more than its interval where noise is low.
+    """
+    values = {**drive.values, **{name: v for name, (v, _) in found.items()}}
+    plain = replace(drive, values={n: v for n, v in values.items() if n != "total.viscous"})
+    centre, table = ringing(plain), {}
+    for name in covariance.names:
+        d = 1e-6 * max(abs(values[name]), 1e-12)
+        up, down = (ringing(replace(plain, values=plain.values | {name: values[name] + x})) for x in (d, -d))
+        table[name] = {k: (up.get(k, np.nan) - down.get(k, np.nan)) / (2.0 * d) for k in centre}
+    stds = {}
+    for k in centre:
+        gradient = np.array([table[name][k] for name in covariance.names])
+        variance = float(gradient @ covariance.matrix @ gradient)
+        stds[k] = float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0.0 else None
+    return {k: (w, stds[k]) for k, w in centre.items()}
+
+
+def _same_response(drive: Drive, names: tuple[str, ...], f: Figures, differenced: int) -> LineProblem:
+    """The problem of making the chain's response equal to the model's."""
+    low = 0.05 * (f.notches[0].rad_s if f.notches else np.pi / f.step / 50.0)
+    high = min(2.0 * (f.resonances[-1].rad_s if f.resonances else 20.0 * low), 0.8 * np.pi / f.step)
+    hz = np.geomspace(low, high, POINTS) / (2.0 * np.pi)
+    g, _ = f.response(hz)
+    if differenced:
+        w = 2j * np.pi * hz * f.step
+        g = g * w / -np.expm1(-w)
+    away = {n: v for n, v in drive.values.items() if not n.startswith(("converter", "sensor"))}
+    plain = Drive(drive.name, drive.bodies, drive.shafts, away, drive.torque_unit, drive.motion_unit)
+    k = len(names)
+    return LineProblem(HeldResponse(plain, names, "motor_speed", f.step, hz), g, np.ones(POINTS), True, 1.0,
+                       np.full(k, -np.inf), np.full(k, np.inf),
+                       np.array([0.3 * abs(plain.values[n]) + 1e-9 for n in names]))
+
+
+def _over_coefficients(problem: LineProblem, f: Figures) -> np.ndarray:
+    """(2 POINTS, k) change of ln G with the coefficients, real parts then imaginary ones."""
+    _, slopes = f.slopes(problem.model.frequency)
+    return np.vstack([slopes.real, slopes.imag])
+
+
+def lines_of(drive: Drive, found: Mapping[str, tuple[float, float | None]], hold: Sequence[str] = (),
+             ) -> tuple[Parameter, ...]:
+    """One line per value of the drive, held ones included."""
+    lines = {}
+    for name, (value, std) in found.items():
+        start, (low, high) = drive.values.get(name), drive.quantity(name).bounds
+        common = (name, value, drive.unit(name), start)
+        if name in hold:
+            lines[name] = Parameter(name, drive.value(name), drive.unit(name), start, status="held",
+                                    reason=f"held at its value; the black box gives {value:.4g}")
+        elif not low <= value <= high:
+            upper = None if std is None else (low, max(low, value + 1.645 * std))
+            lines[name] = Parameter(name, low, drive.unit(name), start, None, upper, "at-bound",
+                                    f"came out as {value:.4g}, which is not physical")
+        elif std is None:
+            lines[name] = Parameter(*common, reason="a start value: from resonances and notches without damping")
+        elif std > abs(value):
+            lines[name] = Parameter(*common, status="not-identifiable",
+                                    reason=f"its standard deviation ({std:.2g}) is larger than itself")
+        else:
+            ci = (max(value - Z95 * std, low), min(value + Z95 * std, high))
+            lines[name] = Parameter(*common, std, ci)
+    for name, value in drive.values.items():
+        total = name.partition(".")
+        if total[0] == "total" and any(f"{b}.{total[2]}" in found for b in drive.bodies):
+            continue  # its parts take its place
+        lines.setdefault(name, Parameter(name, float(value), drive.unit(name), float(value), status="held",
+                                         reason="as given; not fitted in this step"))
+    return tuple(lines[n] for n in drive.quantities if n in lines)

@@ -1,0 +1,195 @@
+"""Black box by a polynomial structure: oe, bj, arx, armax, innovations.
+
+Discrete-time prediction-error models as the literature compares them. What they say about the drive
+(poles, notches, resonances, and by a continued fraction inertias and stiffnesses) comes with intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import BadOption, NotEnoughData
+from drivetool.identify.estimate import Z95, Covariance, Estimate, Exhibit, fit_percent
+from drivetool.identify.frequency import SpectraOptions, response_of
+from drivetool.identify.polynomial.data import Data, data_of
+from drivetool.identify.polynomial.frequency_oe import through_response
+from drivetool.identify.polynomial.pem_figures import Figures, figures_of
+from drivetool.identify.polynomial.pem_fit import PemFit, fit_structure
+from drivetool.identify.polynomial.pem_model import KINDS, POLYNOMIALS, Prediction, Stretch, Structure
+from drivetool.identify.polynomial.realise import conversion, lines_of, ringing_with_std
+from drivetool.identify.polynomial.structure_findings import bodies_advice, findings_of
+from drivetool.identify.problem import Point, solve
+from drivetool.identify.setup import Options
+from drivetool.logs import Experiment
+
+ORDERS = (1, 3, 5, 7)  # a chain of n bodies has 2 n - 1 states from torque to speed
+HOLDOUT = 0.3
+SIMPLER = 1.05  # of the least unexplained part: the lowest order that comes this close is taken
+NOISE_ORDER = 2
+
+
+def structured(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """A polynomial model, its figures, and start values of the drive where they follow.
+
+    experiments  motor_torque and motor_speed or motor_angle (then the mean speed of each interval),
+                 fitted together, each stretch with start values of its own
+    drive        a chain of any length; its converter and dead time take no part
+    options      structure; order: None to choose by held-out score; noise_order of C and D
+    returns      Estimate; details: polynomials, poles, zeros, resonances, notches
+    raises       BadOption: unknown structure or an order below one; NotEnoughData
+    source       Ostring et al. 2003, sec. 6; Ljung 1999
+    """
+    kind = options.structure
+    if kind not in KINDS:
+        raise BadOption("a known structure", f"'{kind}'", "Correct --structure.", KINDS)
+    if (options.order is not None and options.order < 1) or (options.noise_order or 0) < 0:
+        raise BadOption("an order of at least 1", f"{options.order}", "Correct --order or --noise-order.")
+    if options.criterion == "frequency" and kind != "oe":
+        raise BadOption("structure oe for a fit in the frequency domain", kind,
+                        "Without a noise model there is nothing else to fit to a response.")
+    drive.require(options.hold, "holding them (--hold)")
+    data = data_of(experiments)
+    _moving(data)
+    noise = NOISE_ORDER if options.noise_order is None else options.noise_order
+    table: list[dict] = []
+    order = options.order
+    if order is None:
+        order, table = order_of(data, kind, noise)
+    fit = fit_structure(data.stretches, Structure(kind, order, noise, data.extra))
+    if options.criterion != "frequency":
+        return _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+    if data.extra:
+        raise BadOption("a motor speed for a polynomial model in the frequency domain", "an angle",
+                        "Log the speed, or use greybox --criterion frequency.")
+    fit, chi = through_response(fit, response_of(experiments, SpectraOptions(band=options.band)), data.step,
+                                options.weighting)
+    estimate = _estimate(experiments, drive, data, figures_of(fit, data.step), table, options.hold)
+    return replace(estimate, fit={**estimate.fit, "chi_square_per_degree": chi},
+                   details={**estimate.details, "criterion": "frequency", "weighting": options.weighting})
+
+
+def order_of(data: Data, kind: str, noise: int, orders: Sequence[int] = ORDERS) -> tuple[int, list[dict]]:
+    """The order by how it simulates the held-out end of every stretch, and the table behind it."""
+    train, rest = data.parts(1.0 - HOLDOUT)
+    table, reason = [], None
+    for order in orders:
+        try:
+            fit = fit_structure(train.stretches, Structure(kind, order, noise, data.extra))
+            score = simulated_fit(fit, data.step, rest.stretches)
+        except NotEnoughData as error:
+            reason = error
+            continue
+        table.append({"order": order, "held_out_simulation_fit_percent": score})
+    known = [row for row in table if row["held_out_simulation_fit_percent"] is not None]
+    if not known:
+        raise reason or NotEnoughData("a stable model of any order", "none on the first part of the record",
+                                      "Give --order, or excite more.")
+    least = min(100.0 - row["held_out_simulation_fit_percent"] for row in known)
+    good = [row for row in known if 100.0 - row["held_out_simulation_fit_percent"] <= SIMPLER * least + 0.05]
+    return good[0]["order"], table
+
+
+def simulated_fit(fit: PemFit, step: float, stretches: Sequence[Stretch]) -> float | None:
+    """Fit [%] of free runs over stretches, only their start values adjusted; None if it is unstable."""
+    if figures_of(fit, step).unstable:
+        return None
+    pairs = [simulate_on(fit, s) for s in stretches if len(s.y) >= 3 * (fit.structure.order + 1)]
+    if not pairs:
+        raise NotEnoughData("a stretch to check on", "only shorter ones", "Record longer.")
+    return fit_percent(np.concatenate([y for y, _ in pairs]), np.concatenate([x for _, x in pairs]))
+
+
+def simulate_on(fit: PemFit, stretch: Stretch) -> tuple[np.ndarray, np.ndarray]:
+    """(measured, simulated) of a free run; the start values are fitted."""
+    s, values = fit.structure, fit.values
+    free = replace(s, kind="oe")
+    stand_in = np.concatenate([values[s.part("B")], values[s.part(s.dynamics)]])
+    mean_u, mean_y = stretch.u.mean(), stretch.y.mean()
+    moved = replace(stretch, u=stretch.u - mean_u, y=stretch.y - mean_y)
+    problem = Prediction(free, (moved,), np.ones(len(stand_in)), np.ones(len(stand_in), bool))
+    point = solve(problem, Point(stand_in, problem.zeros()), most=5, damping=1e-9).point
+    return stretch.y, problem.simulated(stand_in, point.starts[0], moved) + mean_y
+
+
+def _moving(data: Data) -> None:
+    """Something to fit."""
+    if all(np.ptp(s.u) == 0.0 for s in data.stretches):
+        raise NotEnoughData("a motor torque that changes", "a constant one", "Record while the drive is excited.")
+    if all(np.ptp(s.y) == 0.0 for s in data.stretches):
+        raise NotEnoughData(f"a {data.role.replace('_', ' ')} that changes", "a constant one",
+                            "Check the channel, or whether the drive was blocked.")
+
+
+def _estimate(experiments: Sequence[Experiment], drive: Drive, data: Data, figures: Figures,
+              table: list[dict], hold: Sequence[str]) -> Estimate:
+    fit = figures.fit
+    found, covariance, why = conversion(drive, figures, data.extra)
+    own = {} if covariance is None else {
+        "drive_rad_s": {n: {"value": w, "std": std}
+                        for n, (w, std) in ringing_with_std(drive, found, covariance).items()}}
+    lines = lines_of(drive, found, hold)
+    fitted = {p.name: p.value for p in lines if p.status in ("fitted", "at-bound", "not-identifiable")}
+    after = drive.with_values({n: v for n, v in fitted.items() if n in found})
+    pairs = [] if figures.unstable else [simulate_on(fit, s) for s in data.stretches]
+    y = np.concatenate([s.y for s in data.stretches])
+    e = np.concatenate([fit.problem.errors(fit.values, a, d) for a, d in zip(
+        fit.solution.point.starts, fit.problem.stretches, strict=True)])
+    measured = np.concatenate([d.y for d in fit.problem.stretches])
+    simulation = fit_percent(y, np.concatenate([x for _, x in pairs])) if pairs else None
+    kept = {p.name for p in lines if p.std is not None}
+    if covariance is not None:
+        index = [i for i, n in enumerate(covariance.names) if n in kept]
+        covariance = Covariance(tuple(covariance.names[i] for i in index), covariance.matrix[np.ix_(index, index)]
+                                ) if index else None
+    s = fit.structure
+    return Estimate(
+        "blackbox", after, lines,
+        f"{s.kind} of order {s.order}: {'converged' if fit.solution.converged else 'stopped'} after "
+        f"{fit.solution.iterations} iterations" + (f"; {why}" if why else ""),
+        {"simulation_fit_percent": simulation, "one_step_fit_percent": fit_percent(measured, measured - e),
+         "rmse": float(np.sqrt(np.mean(np.concatenate([a - b for a, b in pairs]) ** 2))) if pairs else None,
+         "n": int(fit.problem.count), "parameters": len(s.names), "noise_parameters": s.noise_parameters},
+        covariance, {f"one_step_std.{data.role}": fit.sigma}, _details(figures, table) | own,
+        (*bodies_advice(drive, s.kind, s.order, table), *findings_of(figures, data, why, simulation)),
+        tuple(e.source for e in experiments), {}, _exhibits(figures, data, pairs, experiments[0]))
+
+
+def _details(f: Figures, table: list[dict]) -> dict[str, object]:
+    """Polynomials, roots and pairs as plain numbers."""
+    s, values = f.fit.structure, f.fit.values
+
+    def shown(roots) -> list:
+        return [[r.s.real, r.s.imag] for r in roots]
+
+    return {
+        "structure": s.kind, "order": s.order, "noise_order": s.noise if s.noise_parameters else 0, "step": f.step,
+        "polynomials_over_1/q": {p: s.polynomial(p, values).tolist() for p in POLYNOMIALS[s.kind]},
+        "poles_rad_s": shown(f.poles), "zeros_rad_s": shown(f.zeros),
+        "resonances": [f.pair(p) for p in f.resonances], "notches": [f.pair(p) for p in f.notches],
+        "unstable": f.unstable, "errors_white_p": f.fit.whiteness_p, "errors_std": f.fit.sigma,
+        **({"orders": table} if table else {})}
+
+
+def _exhibits(f: Figures, data: Data, pairs: Sequence[tuple[np.ndarray, np.ndarray]], e: Experiment,
+              ) -> tuple[Exhibit, ...]:
+    """Measured and simulated; the response with its 95 % region."""
+    s, found = f.fit.structure, []
+    for run, (y, x) in zip(data.stretches, pairs, strict=False):
+        time = np.arange(len(y)) * data.step
+        found.append(Exhibit("record", f"{run.name}: {s.kind} of order {s.order}, free run", "time [s]",
+                             f"motor speed [{e.motion_unit}/s]", {
+                                 "measured": (time, y), "simulated": (time, x), "residual": (time, y - x)}))
+    pole = [abs(r.s) for r in f.poles if r.s.imag > 0.0] or [0.1 / data.step]
+    low, high = 0.05 * min(pole), min(3.0 * max(pole), 0.9 * np.pi / data.step)
+    hz = np.geomspace(low, max(high, 2.0 * low), 400) / (2.0 * np.pi)
+    g, std = f.response(hz)
+    size = np.abs(g)
+    found.append(Exhibit("response", f"{s.kind} of order {s.order} with its 95 % region", "frequency [Hz]",
+        f"magnitude [{e.motion_unit}/s/{e.torque_unit}]", {
+        "magnitude": (hz, size), "band low": (hz, np.maximum(size - Z95 * std, 0.05 * size)),
+        "band high": (hz, size + Z95 * std), "phase": (hz, np.degrees(np.angle(g)))}))
+    return tuple(found)

@@ -1,1 +1,0 @@
-"""Several recordings of one machine: what differs between them, and how they scatter."""

@@ -1,0 +1,364 @@
+"""From experiments and a drive to a least-squares problem with a first guess."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import MappingProxyType
+
+import numpy as np
+
+from drivetool.drive import Assembly, Drive, Layout, shared
+from drivetool.drive.effects import induction, load_step
+from drivetool.drive.simulation import Plant, Trace, plant_of
+from drivetool.errors import BadOption, BadRecording, NotEnoughData
+from drivetool.identify.problem import Point, Problem
+from drivetool.identify.setup.by_record import as_recorded, differs
+from drivetool.identify.setup.supply import fed_by_voltages
+from drivetool.logs import INPUTS, Experiment, quantity
+
+EVERY = -1  # in the place of a recording's number: those that are not named
+ROOM = 1.5  # times its dead time, in which a drive may not be judged by what was commanded
+DENSE = 0.5  # share of the third differences that must be there to be enough
+WAY = 0.02  # of the fastest motion, and share of the record, from which a motor turns both ways
+APART = 8  # samples between readings of an angle for a speed: one sample apart an encoder's steps exceed it
+SWITCHING = (".half_gap", ".coulomb")  # what makes contacts and sticking
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Which roles drive the model and which it is compared with."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+def roles_of(experiments: Sequence[Experiment], drive: Drive) -> Roles:
+    """The roles that every recording has and the drive knows.
+
+    raises  BadRecording: no motor torque, or no sensor
+    """
+    if not experiments:
+        raise NotEnoughData("at least one recording", "none", "Name a log file.")
+    common = set.intersection(*(set(e.signals) for e in experiments))
+    for e in experiments:
+        if "motor_torque" not in e.signals:
+            raise BadRecording(
+                "role motor_torque for the drive's input", f"none in {e.name}",
+                "Name its channel in the channel map; where the drive runs down without torque, take steady "
+                "--method coast-down.", sorted(e.signals))
+        e.signed("motor_torque", "the drive's input")
+        if e.input_units:
+            raise BadRecording(f"one unit of torque for all roles of {e.name}", ", ".join(
+                f"{role} in {e.unit(role)}" for role in e.signals if role.endswith("torque")),
+                "Make torques of the inputs first, with as_torques and motor.torque_constant.")
+    inputs = tuple(r for r in INPUTS if r in common and quantity(r) == "torque"
+                   and (r != "motor2_torque" or "motor2" in drive.bodies))
+    if fed_by_voltages(drive):
+        inputs += tuple(r for r in induction.VOLTAGES if r in common)
+    outputs = [chosen for choices in sensors_of(drive) for chosen in [c for c in choices if c in common][:1]]
+    if not outputs:
+        raise BadRecording(
+            "a motor speed or motor angle", "neither in every recording",
+            "Name its channel in the channel map.", sorted(common))
+    return Roles(inputs, tuple(outputs))
+
+
+def both_outputs(experiments: Sequence[Experiment], drive: Drive) -> Roles | None:
+    """The roles of a fit to speed and shaft torque; None: not two bodies, or no sensor of both."""
+    roles = roles_of(experiments, drive)
+    torques = [r for r in roles.outputs if r.endswith("_torque")]
+    if len(drive.bodies) != 2 or not torques:
+        return None
+    at_motor = [r for r in roles.outputs if r in ("motor_speed", "motor_angle")]
+    return Roles(roles.inputs, (at_motor[0], torques[0])) if at_motor else None
+
+
+def sensors_of(drive: Drive) -> list[tuple[str, ...]]:
+    """The roles that can measure each body and then each shaft of a drive, of which one is taken, the first best.
+
+    Of a body its speed, or its angle where no speed was logged: an encoder's two readings are one measurement and
+    must not count twice. Whatever the drive calls them, the first body may be `motor` and the last `load`.
+    """
+    names = [[body] for body in drive.bodies]
+    names[0].append("motor")
+    if drive.shafts:
+        names[drive.bodies.index(drive.load)].append("load")
+    shafts = [[shaft] for shaft in drive.shafts]
+    if shafts:
+        shafts[0].append("shaft")
+    return [*(tuple(dict.fromkeys(f"{n}_{what}" for what in ("speed", "angle") for n in each)) for each in names),
+            *(tuple(dict.fromkeys(f"{n}_torque" for n in each)) for each in shafts)]
+
+
+def traces_of(experiments: Sequence[Experiment], roles: Roles, segment: float = 0.0,
+              starts: Mapping[int, Mapping[str, float]] = MappingProxyType({})) -> tuple[Trace, ...]:
+    """One trace per uninterrupted stretch, cut into pieces of `segment` seconds if above zero.
+
+    starts  what is known of the state in which an experiment of that number begins, EVERY for those that are not
+            named; nothing of what comes after a gap, a cut or another rate
+    """
+    found = []
+    for e in experiments:
+        known = starts.get(e.number, starts.get(EVERY, {}))
+        u = np.column_stack([e.signals[r] for r in roles.inputs])
+        y = np.column_stack([e.signals[r] for r in roles.outputs])
+        for first, last in e.segments:
+            pieces = max(1, round((last - first) * e.step / segment)) if segment > 0.0 else 1
+            edges = np.linspace(first, last, pieces + 1).round().astype(int)
+            found += [Trace(np.ascontiguousarray(u[a:b]), np.ascontiguousarray(y[a:b]), e.step, e.name,
+                            e.offset + a * e.step, e.number, u[first:a] if a > first else None,
+                            known if e.begins and a == e.segments[0][0] else {})
+                      for a, b in pairwise(edges) if b - a >= 10]
+    if not found:
+        raise NotEnoughData("a stretch of at least 10 samples", "none", "Record longer.")
+    return tuple(found)
+
+
+def led_in(experiment: Experiment, drive: Drive, free: Sequence[str] = ()) -> Experiment:
+    """The experiment without the values of its sensors where a stretch begins, if the drive has a dead time.
+
+    There it moves by torques from before the record, which nobody knows. At most a hundredth of a stretch goes.
+    """
+    delay = drive.value("converter.dead_time") or 0.0
+    if delay == 0.0 and "converter.dead_time" not in free:
+        return experiment
+    sensors = {r for r in experiment.signals if r not in INPUTS and not r.startswith("reference")}
+    signals = {r: values.copy() if r in sensors else values for r, values in experiment.signals.items()}
+    for first, last in experiment.segments:
+        count = min(int(np.ceil(ROOM * delay / experiment.step)) + 2, (last - first) // 100)
+        for role in sensors:
+            signals[role][first:first + count] = np.nan
+    return replace(experiment, signals=signals)
+
+
+def reverses(experiments: Sequence[Experiment]) -> bool:
+    """Whether the motor turns both ways for at least 2 % of a record each, or of all records together."""
+    speeds = [speed for e in experiments if (speed := _way(e)) is not None]
+    together = [np.concatenate(speeds)] if len(speeds) > 1 else []
+    for speed in (*speeds, *together):
+        size = WAY * np.nanmax(np.abs(speed))
+        if np.nanmean(speed > size) > WAY and np.nanmean(speed < -size) > WAY:
+            return True
+    return False
+
+
+def _way(experiment: Experiment) -> np.ndarray | None:
+    """The speed of the motor, or what its angle changes over a while; None: neither is there."""
+    if "motor_speed" in experiment.signals:
+        return experiment.signals["motor_speed"]
+    if "motor_angle" not in experiment.signals:
+        return None
+    smooth, angle = max(1, round(0.02 / experiment.step)), experiment.signals["motor_angle"]
+    return (angle[smooth:] - angle[:-smooth]) / (smooth * experiment.step)
+
+
+def replaced(drive: Drive, names: Sequence[str], values: np.ndarray) -> Drive:
+    """The drive with some values replaced, bounds unchecked: for trial points."""
+    return replace(drive, values={**drive.values, **dict(zip(names, map(float, values), strict=True))})
+
+
+def problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
+    """The problem of fitting some parameters of a drive to traces.
+
+    free     parameter names; the others keep their value
+    returns  Problem whose start states are free but for those that a trace knows: what the torque was before the
+             record nobody knows. Where no angle is measured it counts from the first sample: a torque that repeats
+             with it would turn with any other zero
+
+    Shaft damping moves later than the rest: at a start where the resonance lies a little off, the
+    quickest way down is to damp it away, and from there no way leads back.
+    """
+    free = tuple(free)
+
+    def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
+        trial, names = _felt_in(replaced(drive, free, values), free, trace)
+        return plant_of(trial, Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient))
+
+    traces = [_clamped(drive, trace) for trace in traces]
+    quantities = [drive.quantity(n) for n in free]
+    seen, sizes = any(role.endswith("angle") for role in roles.outputs), _sizes(roles, traces)
+    plain = Assembly(drive, Layout(free, roles.inputs, roles.outputs, traces[0].step, gradient=False))
+    stds = sensor_stds(traces)
+    return Problem(
+        build, free, np.array([q.bounds[0] for q in quantities]), np.array([q.bounds[1] for q in quantities]),
+        np.array([q.size(*sizes) for q in quantities]), tuple(traces), np.arange(plain.nx), stds / stds[0],
+        later=np.array([n.partition(".")[0] in drive.shafts and shared(n).endswith("damping") for n in free], bool),
+        bodies=len(drive.bodies),
+        by_record=load_step.only_in(drive.values) or differs(drive),
+        anchored=() if seen else tuple(i for i, name in enumerate(plain.states) if name == "angle"),
+        states=tuple(plain.states), sensor_std=float(stds[0]), step=min(t.step for t in traces))
+
+
+def _clamped(drive: Drive, trace: Trace) -> Trace:
+    """The trace that knows the speed of what was clamped while it was recorded; else free, it would turn on."""
+    drive = as_recorded(drive, (), trace.record)[0]
+    still = {f"{b}.speed": 0.0 for b in drive.bodies if drive.value(f"{b}.clamped")}
+    return replace(trace, start={**trace.start, **still}) if still else trace
+
+
+def _sizes(roles: Roles, traces: Sequence[Trace]) -> tuple[float, float]:
+    """Root mean square torque and speed of the traces; one where that is zero, or was not measured."""
+    torques = [i for i, role in enumerate(roles.inputs) if role in INPUTS]
+    motion, y = [], [t.outputs[:, 0] for t in traces]
+    if roles.outputs[0].endswith("speed"):
+        motion = y
+    elif roles.outputs[0].endswith("angle"):
+        motion = [(each[APART:] - each[:-APART]) / (APART * t.step) for each, t in zip(y, traces, strict=True)]
+    return _rms([t.inputs[:, torques].ravel() for t in traces]), _rms(motion)
+
+
+def _rms(parts: Sequence[np.ndarray]) -> float:
+    values = np.concatenate([np.zeros(1), *parts])
+    return float(np.sqrt(np.nanmean(values**2))) or 1.0
+
+
+def _felt_in(drive: Drive, free: Sequence[str], trace: Trace) -> tuple[Drive, tuple[str, ...]]:
+    """The drive as it was while that stretch was recorded, and what its free parameters are called there."""
+    if load_step.only_in(drive.values):
+        drive = replace(drive, values=load_step.felt_in(drive.values, trace.record))
+    return as_recorded(drive, free, trace.record)
+
+
+def linear_problem_of(drive: Drive, free: Sequence[str], roles: Roles, traces: Sequence[Trace]) -> Problem:
+    """The same problem without gaps and Coulomb friction, which takes the same points."""
+    free = tuple(free)
+    flat = {n: 0.0 for n in drive.quantities if shared(n).endswith(SWITCHING)}
+    smooth = tuple(n for n in free if n not in flat)
+
+    def build(values: np.ndarray, trace: Trace, gradient: bool, memory: float | None) -> Plant:
+        trial, names = _felt_in(replaced(drive, free, values), smooth, trace)
+        layout = Layout(names, roles.inputs, roles.outputs, trace.step, memory, gradient)
+        return plant_of(replace(trial, values={**trial.values, **flat}), layout)
+
+    return replace(problem_of(drive, free, roles, traces), build=build)
+
+
+def sensor_stds(traces: Sequence[Trace]) -> np.ndarray:
+    """(ny,) first guess of the sensors' std; of one that shows no noise, the largest of the others."""
+    ny = traces[0].outputs.shape[1]
+    spread = np.zeros(ny)
+    for m in range(ny):
+        spread[m] = white_std([t.outputs[:, m] for t in traces])
+    spread[spread <= 0.0] = max(spread.max(), 1e-12)
+    return spread
+
+
+def white_std(series: Sequence[np.ndarray]) -> float:
+    """Standard deviation of what is white in a signal, by stretches (n,) each; 0 where it is too short to tell.
+
+    Third differences remove what a drive does smoothly between samples. Of a sensor that has a value at every
+    fourth sample, say, they are taken over the values that there are.
+    """
+    d = np.concatenate([np.diff(y, 3) for y in series])
+    if len(d) and np.isfinite(d).mean() < DENSE:
+        d = np.concatenate([np.diff(y[np.isfinite(y)], 3) for y in series])
+    d = d[np.isfinite(d)]
+    return float(np.sqrt(np.mean(d**2) / 20.0)) if len(d) else 0.0
+
+
+def first_states(drive: Drive, roles: Roles, traces: Sequence[Trace],
+                 free: Sequence[str] = ()) -> tuple[np.ndarray, ...]:
+    """Start states as if every trace began in steady motion; what a trace knows of its own is as it says.
+
+    free  names of parameters that are fitted: an effect may need a state although it starts from nothing
+    """
+    return tuple(_steady_state(drive, roles, t, free) for t in traces)
+
+
+def measured_states(drive: Drive, roles: Roles, traces: Sequence[Trace]) -> tuple[np.ndarray, ...]:
+    """Start states as the first samples show them: the same, with the speed of the first sample itself.
+
+    Where a trace begins in an acceleration the mean speed of its first samples comes too late.
+    """
+    return tuple(_steady_state(drive, roles, t, (), 1) for t in traces)
+
+
+def _steady_state(drive: Drive, roles: Roles, trace: Trace, free: Sequence[str], order: int = 0) -> np.ndarray:
+    drive, names = _felt_in(drive, free, trace)
+    plain = Assembly(drive, Layout(names, roles.inputs, roles.outputs, trace.step, gradient=False))
+    x = np.zeros(plain.nx)
+    n, known = len(drive.bodies), trace.start
+    speeds = [known.get(plain.states[0], _motor_speed(roles, trace, order))]
+    for name, (_, _, ratio) in zip(plain.states[1:n], plain.shafts, strict=True):
+        speeds.append(known.get(name, speeds[-1] / ratio.v))
+    x[:n] = speeds
+    below = 0.0  # torque that everything beyond a shaft asks of it
+    for k in range(n - 2, -1, -1):
+        body = k + 1
+        below += plain.of_body(body, "viscous").v * speeds[body] + plain.of_body(body, "idle_torque").v
+        below += plain.of_body(body, "coulomb").v * np.sign(speeds[body])
+        stiffness, _, ratio = plain.shafts[k]
+        gap = plain.gaps[k].v if k in plain.gaps else 0.0
+        x[n + k] = below / stiffness.v + gap * np.sign(below)
+        below /= ratio.v
+    with_known(plain.states, trace, x)
+    _set_angles(plain, roles, trace, x)
+    if plain.fed_by_voltages():
+        _set_fluxes(plain, roles, trace, x)
+    if "converter" in plain.states:
+        x[plain.states.index("converter")] = trace.inputs[0, 0]
+    return x
+
+
+def _set_fluxes(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
+    """Set the fluxes to those that the first voltage would keep at that speed, unless they are known."""
+    voltage = [trace.inputs[0, roles.inputs.index(r)] if r in roles.inputs else 0.0 for r in induction.VOLTAGES]
+    steady = np.linalg.solve(induction.flux_flow(plain.drive, x[0]), [-complex(*voltage), 0.0])
+    for name, value in zip(induction.FLUXES, (p for flux in steady for p in (flux.real, flux.imag)), strict=True):
+        x[plain.states.index(name)] = trace.start.get(name, value)
+
+
+def with_known(states: Sequence[str], trace: Trace, x: np.ndarray) -> np.ndarray:
+    """The start state (nx,) of a trace, in place, with what is known of it."""
+    for i, name in enumerate(states):
+        x[i] = trace.start.get(name, x[i])
+    return x
+
+
+def _set_angles(plain: Assembly, roles: Roles, trace: Trace, x: np.ndarray) -> None:
+    """Set the motor angle from the first encoder unless it is known, and the zeros of the others."""
+    for m, role in enumerate(roles.outputs):
+        known = trace.outputs[np.isfinite(trace.outputs[:, m]), m]
+        if not role.endswith("angle") or not len(known):
+            continue
+        row, _ = plain.output(role)
+        zero = f"{role}.zero"
+        column = plain.states.index(zero if zero in plain.states else "angle")
+        if plain.states[column] in trace.start:
+            continue
+        rest = sum(dual.v * x[j] for j, dual in row.items() if j != column)
+        x[column] = (known[0] - rest) / row[column].v
+
+
+def _motor_speed(roles: Roles, trace: Trace, order: int) -> float:
+    """Speed of the first samples that were measured, from a speed or the slope of an angle.
+
+    order  of the polynomial that the speed is taken for: 0 its mean; 1 a straight line, at the first sample
+    """
+    first = int(np.argmax(np.isfinite(trace.outputs[:, 0])))
+    head = trace.outputs[first:first + max(5, min(20, trace.size // 10)), 0]
+    good = np.isfinite(head)
+    if not good.any():
+        return 0.0
+    of_angle = not roles.outputs[0].endswith("speed")
+    if order == 0 and not of_angle:
+        return float(head[good].mean())
+    if good.sum() <= 2 + order:
+        return 0.0
+    t = np.arange(len(head))[good] * trace.step
+    return float(np.polyfit(t, head[good], order + of_angle)[-2 if of_angle else -1])
+
+
+def first_point(drive: Drive, problem: Problem, roles: Roles) -> Point:
+    """The point at the drive's own values."""
+    values = np.array([_start_value(drive, n) for n in problem.names])
+    return Point(values, first_states(drive, roles, problem.traces, problem.names))
+
+
+def _start_value(drive: Drive, name: str) -> float:
+    value = drive.value(name)
+    if value is None or not np.isfinite(value):
+        raise BadOption(f"a finite start value of {name}", str(value), f"Give one with --set {name}=VALUE.")
+    return float(value)

@@ -1,0 +1,117 @@
+"""Recordings of an induction motor's supply, with its voltages as the model takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive import Drive, by_converter, by_phases, turning, vector_of_converter, vector_of_phases
+from drivetool.drive.effects import VOLTAGES
+from drivetool.errors import BadRecording, Finding
+from drivetool.logs import Experiment
+
+FRAME = "motor.supply_frequency"
+PHASES = ("motor_voltage_a", "motor_voltage_b")
+VOLTAGE, FREQUENCY = "supply_voltage", "supply_frequency"
+SUPPLY = (*PHASES, VOLTAGE, FREQUENCY)
+
+
+def fed_by_voltages(drive: Drive) -> bool:
+    """Whether the motor's torque follows from voltages: its magnetizing inductance is known."""
+    return bool(drive.value(f"{drive.bodies[0]}.magnetizing_inductance"))
+
+
+def as_stator_voltages(experiments: Sequence[Experiment], drive: Drive, off_too: bool = False,
+                       ) -> tuple[tuple[Experiment, ...], Drive]:
+    """Recordings of a supply with the space vector of its voltage, and the drive that knows in which frame.
+
+    Two phases give it, or the voltage and frequency of a converter; of these what is without supply is left out,
+    where the stator is open and no voltage is known.
+
+    experiments  those without a supply stay as they are
+    drive        with the electrical values of an induction motor; any other one changes nothing
+    off_too      whether stretches without supply are kept
+    returns      experiments with the roles of VOLTAGES [V], peak values, each the mean until the next sample
+    raises       BadRecording: one phase alone, no frequency, or a torque beside the voltages
+    """
+    if not fed_by_voltages(drive):
+        return tuple(experiments), drive
+    found = [_vector(e, drive) for e in experiments]
+    known = [(u[1:], u[:-1], e.step) for e, u in zip(experiments, found, strict=True) if u is not None]
+    if not known:
+        return tuple(map(_in_frame_already, experiments)), drive
+    frame = drive.values.get(FRAME)
+    if frame is None:
+        turns = np.median(np.concatenate([turning(*each) for each in known]))
+        frame = float(f"{abs(turns):.10g}")  # as a file has it
+        drive = drive.with_values({FRAME: frame})
+    return tuple(_in_frame_already(e) if u is None else _in_frame(e, u, frame, off_too)
+                 for e, u in zip(experiments, found, strict=True)), drive
+
+
+def _vector(e: Experiment, drive: Drive) -> np.ndarray | None:
+    """(n,) complex voltage at the samples, stationary, peak values [V]; None: none was logged."""
+    there = [role for role in SUPPLY if role in e.signals]
+    if not there or there == [FREQUENCY]:
+        return None
+    if "motor_torque" in e.signals:
+        raise BadRecording(f"either a torque or voltages of the motor in {e.name}",
+                           f"motor_torque and {', '.join(there)}",
+                           "Leave one out of the channel map: the torque follows from the voltages.")
+    if set(PHASES) <= set(there):
+        return vector_of_phases(*(e.signals[role] for role in PHASES))
+    if VOLTAGE not in there:
+        raise BadRecording(f"{' and '.join(PHASES)}, or {VOLTAGE}, in {e.name}", ", ".join(there),
+                           "Log two phases, or the voltage and frequency of the converter.")
+    frequency = e.signals.get(FREQUENCY, np.full(e.size, drive.value(FRAME)))
+    if not np.nanmax(np.abs(frequency)) > 0.0:
+        raise BadRecording(f"the frequency of the supply in {e.name}", "none",
+                           f"Log {FREQUENCY}, or give it with --set '{FRAME}=50 Hz'.")
+    return vector_of_converter(e.signals[VOLTAGE], frequency, e.step)
+
+
+def _in_frame(e: Experiment, vector: np.ndarray, frame: float, off_too: bool) -> Experiment:
+    """The experiment with means over its samples of the vector as it is in the frame."""
+    held = by_converter(vector, frame, e.step, e.signals.get(FREQUENCY, np.full(e.size, frame))) \
+        if VOLTAGE in e.signals else by_phases(vector, frame, e.step)
+    signals = {role: values for role, values in e.signals.items() if role not in SUPPLY}
+    signals |= {"motor_torque": np.zeros(e.size)} | dict(zip(VOLTAGES, (held.real, held.imag), strict=True))
+    found = replace(e, signals=_fixed(signals))
+    return found if off_too or VOLTAGE not in e.signals else _fed(found, np.abs(held) > 0.0)
+
+
+def _in_frame_already(e: Experiment) -> Experiment:
+    """The experiment, with a torque of zero beside voltages along the axes of a frame."""
+    if not set(VOLTAGES) <= set(e.signals) or "motor_torque" in e.signals:
+        return e
+    return replace(e, signals=_fixed(dict(e.signals) | {"motor_torque": np.zeros(e.size)}))
+
+
+def _fixed(signals: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Signals that cannot be written to."""
+    for values in signals.values():
+        if values.flags.writeable:
+            values.setflags(write=False)
+    return dict(signals)
+
+
+def _fed(e: Experiment, on: np.ndarray) -> Experiment:
+    """Without the stretches in which the supply is off."""
+    kept = []
+    for first, last in e.segments:
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], on[first:last].astype(int), [0]]))).reshape(-1, 2)
+        kept += [(first + int(a), first + int(b)) for a, b in edges]
+    lost = sum(b - a for a, b in e.segments) - sum(b - a for a, b in kept)
+    if not lost:
+        return e
+    return replace(e, segments=tuple(kept), findings=(*e.findings, Finding(
+        "note", "supply-off", f"{lost * e.step:.4g} s of {e.name} without supply are left out: no voltage of the "
+        "open stator is known there.", {"seconds": lost * e.step},
+        "What a run-down tells steady --method coast-down reads.")))
+
+
+def supply_of(e: Experiment) -> np.ndarray | None:
+    """(n,) size of the voltage vector [V]; None: the experiment has none."""
+    return np.hypot(*(e.signals[role] for role in VOLTAGES)) if VOLTAGES[0] in e.signals else None

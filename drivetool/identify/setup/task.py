@@ -1,0 +1,77 @@
+"""What is to be fitted to which recordings, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drivetool.drive import Drive, shared
+from drivetool.drive.simulation import Trace
+from drivetool.identify.noise import Fit
+from drivetool.identify.problem import Point, Problem, Solution
+from drivetool.identify.setup.setup import Roles, linear_problem_of, problem_of, replaced, traces_of
+from drivetool.logs import Experiment
+
+
+@dataclass(frozen=True)
+class Task:
+    """A drive to be fitted to recordings.
+
+    start  what is known of the state in which the recordings begin, by number, see `traces_of`
+    """
+
+    drive: Drive
+    free: tuple[str, ...]
+    roles: Roles
+    experiments: tuple[Experiment, ...]
+    start: Mapping[int, Mapping[str, float]] = field(default_factory=dict)
+
+    def problem(self, segment: float = 0.0, free: Sequence[str] | None = None) -> Problem:
+        """The least-squares problem, with traces cut to `segment` seconds if above zero."""
+        free = self.free if free is None else tuple(free)
+        return problem_of(self.drive, free, self.roles, self.traces(segment))
+
+    def linear_problem(self, segment: float = 0.0) -> Problem:
+        """The same without gaps and Coulomb friction, for observers; it takes the same points."""
+        return linear_problem_of(self.drive, self.free, self.roles, self.traces(segment))
+
+    def traces(self, segment: float = 0.0) -> tuple[Trace, ...]:
+        """The stretches of the recordings, cut to `segment` seconds if above zero."""
+        return traces_of(self.experiments, self.roles, segment, self.start)
+
+    def at(self, values: Mapping[str, float]) -> Task:
+        """The task with other values of the drive."""
+        return replace(self, drive=replaced(self.drive, list(values), np.array(list(values.values()))))
+
+    def at_point(self, point: Point) -> Task:
+        """The task at fitted values."""
+        return self.at(dict(zip(self.free, point.values, strict=True)))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A fit by one criterion: problem and point, residual noise, and how the starts agreed.
+
+    fit     by innovations, None for a simulation-error fit
+    starts  one mapping per start: values, -log likelihood or cost, whether it reached the best
+    """
+
+    task: Task
+    problem: Problem
+    solution: Solution
+    fit: Fit | None
+    starts: tuple[dict, ...]
+    converged: bool
+
+    @property
+    def drive(self) -> Drive:
+        """The drive with the fitted values."""
+        return self.task.at_point(self.solution.point).drive
+
+
+def has_gap(task: Task) -> bool:
+    """Whether a gap acts or is to be fitted."""
+    return any(shared(n).endswith(".half_gap") and (n in task.free or (task.drive.value(n) or 0.0) > 0.0)
+               for n in task.drive.quantities)

@@ -1,0 +1,163 @@
+"""A drive identified from both of its motors: the bodies of the second estimate exchanged, then compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from drivetool.errors import BadParameters, Finding
+from drivetool.identify.estimate import Covariance, Exhibit
+from drivetool.identify.several.both_sides import BEYOND, Side, SwapLine, derived_of, lines_of
+from drivetool.quantity import ELECTRIC
+
+LEVEL = float(2.0 * norm.sf(BEYOND))  # of the chi-square, as rare as one parameter beyond that
+RECIPROCAL = 1e-3  # relative, to which two ratios are each other's reciprocal: a person writes 0.333
+NULL = 1e-8  # eigenvalue of a correlation matrix below which the ten digits of a file make it
+SHOWN = 3  # parameters that a sentence lists
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Both sides held against each other.
+
+    lines, derived      parameters, and figures that follow from them
+    chi_square, degrees, p  of all parameters that have a ratio, by both covariances; None: none has
+    agree               None: nothing can be compared
+    """
+
+    first: str
+    second: str
+    lines: tuple[SwapLine, ...]
+    derived: tuple[SwapLine, ...]
+    chi_square: float | None
+    degrees: int
+    p: float | None
+    agree: bool | None
+    outcome: str
+    findings: tuple[Finding, ...] = ()
+    exhibits: tuple[Exhibit, ...] = ()
+
+
+def swap(first: Side, second: Side) -> Swap:
+    """Whether a drive is the same from both of its motors.
+
+    first, second  of independent recordings; the last body of the first file is the motor of the second one
+    returns        Swap
+    raises         BadParameters: no shaft, other numbers of bodies, other units, laws of the gap that differ, or
+                   gear ratios that are not known or not each other's reciprocal
+    source         Wald test of equal parameters, Casella, Berger 2002, sec. 10.3
+    """
+    _alike(first, second)
+    lines = tuple(lines_of(first, second))
+    derived = tuple(derived_of(first, second))
+    compared = [line for line in lines if line.ratio is not None]
+    chi_square, degrees = _chi_square(compared, first, second)
+    p = float(chi2.sf(chi_square, degrees)) if compared else None
+    differ = [line for line in (*lines, *derived) if line.differs]
+    agree = None if p is None else not differ and p >= LEVEL
+    found = Swap(first.name, second.name, lines, derived, chi_square if compared else None, degrees, p, agree, "")
+    found = replace(found, outcome=_outcome(found, differ), exhibits=_picture(found))
+    return replace(found, findings=tuple(_findings(found, differ)))
+
+
+def _alike(first: Side, second: Side) -> None:
+    """Raise BadParameters unless both files can be of one drive."""
+    one, other = first.drive, second.drive
+    if not one.shafts or len(one.bodies) != len(other.bodies):
+        raise BadParameters(
+            "two files of one chain with a shaft, from its two ends",
+            f"the bodies {', '.join(one.bodies)} in {first.name} and {', '.join(other.bodies)} in {second.name}",
+            "Identify the same drive from both of its motors, with the same number of bodies.")
+    for what, mine, its in (("torque", one.torque_unit, other.torque_unit),
+                            ("motion", one.motion_unit, other.motion_unit)):
+        if mine != its:
+            raise BadParameters(f"one unit of {what} in both files",
+                                f"{mine} in {first.name} and {its} in {second.name}",
+                                "Write both channels in the same unit, by the channel map or a torque constant.")
+    if one.torque_unit in ELECTRIC:
+        raise BadParameters("parameters in Nm or N: the inputs of two motors have no common unit otherwise",
+                            f"{one.torque_unit} in {first.name} and {second.name}",
+                            "Give each motor's torque constant, with --set motor.torque_constant=VALUE.")
+    opens = any((d.value(f"{s}.{what}") or 0.0) > 0.0 for d in (one, other) for s in d.shafts
+                for what in ("half_gap", "gap_damping"))
+    if opens and one.damping_law != other.damping_law:
+        raise BadParameters("one damping_law of the gap in both files", f"{one.damping_law} in {first.name} and "
+                            f"{other.damping_law} in {second.name}", "Fit both sides by the same law.")
+    for mine, its in zip(one.shafts, reversed(other.shafts), strict=True):
+        _reciprocal(f"{mine}.ratio", first, f"{its}.ratio", second)
+
+
+def _reciprocal(mine: str, first: Side, its: str, second: Side) -> None:
+    """Raise BadParameters unless the ratio of a shaft is known, and one over that of the other file."""
+    for name, side in ((mine, first), (its, second)):
+        if side.covariance is not None and name in side.covariance.names:
+            raise BadParameters(f"a known {name}, by which the other side is converted",
+                                f"a fitted one in {side.name}", "Hold the gear ratio.")
+    one, other = first.drive.value(mine) or 1.0, second.drive.value(its) or 1.0
+    if abs(one * other - 1.0) > RECIPROCAL:
+        raise BadParameters(f"{its} of {1.0 / one:.6g} in {second.name}, the reciprocal of that in {first.name}",
+                            f"{other:g}", "Correct the gear ratio of one of the two files, and fit it again.")
+
+
+def _chi_square(lines: Sequence[SwapLine], first: Side, second: Side) -> tuple[float, int]:
+    """(sum, degrees of freedom) of the differences over the sum of both covariances."""
+    if not lines or first.covariance is None or second.covariance is None:
+        return 0.0, 0
+    factors = np.array([line.factor for line in lines])
+    joint = _part(first.covariance, [line.first for line in lines])
+    joint = joint + _part(second.covariance, [line.second for line in lines]) * np.outer(factors, factors)
+    stds = np.sqrt(np.diag(joint))
+    sizes, directions = np.linalg.eigh(joint / np.outer(stds, stds))
+    kept = sizes > NULL
+    parts = directions[:, kept].T @ (np.array([line.difference for line in lines], float) / stds)
+    return float(np.sum(parts**2 / sizes[kept])), int(np.count_nonzero(kept))
+
+
+def _part(covariance: Covariance, names: Sequence[str]) -> np.ndarray:
+    index = [covariance.names.index(name) for name in names]
+    return covariance.matrix[np.ix_(index, index)]
+
+
+def _outcome(found: Swap, differ: Sequence[SwapLine]) -> str:
+    if found.p is None:
+        return "No parameter has an interval in both files, so nothing says whether the two sides agree."
+    test = f"chi-square {found.chi_square:.3g} of {found.degrees}, p {found.p:.2g}"
+    if found.agree:
+        return f"The two sides agree: {test}."
+    if not differ:
+        return f"The two sides differ, though no parameter by itself is beyond {BEYOND:g} joint std: {test}."
+    worst = sorted(differ, key=lambda line: -abs(line.ratio or 0.0))
+    text = ", ".join(f"{line.first} ({_change(line)}{line.ratio:+.2g} std)" for line in worst[:SHOWN])
+    more = f" and {len(worst) - SHOWN} more" if len(worst) > SHOWN else ""
+    return f"The two sides differ in {text}{more}: {test}."
+
+
+def _change(line: SwapLine) -> str:
+    """The difference in per cent of the first value, where there is one."""
+    value, change = line.values[0], line.difference
+    return f"{100.0 * change / abs(value):+.2g} %, " if value and change is not None else ""
+
+
+def _findings(found: Swap, differ: Sequence[SwapLine]) -> list[Finding]:
+    if found.agree is None:
+        return [Finding("warning", "sides-not-compared", found.outcome, {},
+                        "Give the files that greybox, backlash or blackbox wrote, and free the same parameters.")]
+    if found.agree:
+        return []
+    evidence = {"chi_square": float(found.chi_square or 0.0), "degrees": found.degrees, "p": float(found.p or 0.0)}
+    return [Finding("warning", "sides-differ", found.outcome,
+                    evidence | {line.first: float(line.ratio or 0.0) for line in differ},
+                    "Check sign, scale and clock of the torque channels; run diagnose on both recordings.")]
+
+
+def _picture(found: Swap) -> tuple[Exhibit, ...]:
+    """Difference over joint std of every line that has one, the first on top."""
+    lines = [line for line in (*found.lines, *found.derived) if line.ratio is not None]
+    if not lines:
+        return ()
+    curves = {line.first: (np.array([line.ratio], float), np.array([float(-k)])) for k, line in enumerate(lines)}
+    return (Exhibit("ratios", f"{found.second} less {found.first}", "difference over joint standard deviation", "",
+                    curves),)

@@ -1,0 +1,179 @@
+"""What two files say of one drive seen from its two ends: names, values and differences, line by line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from math import prod
+
+import numpy as np
+
+from drivetool.drive import AT, GEARED, TOTALS, Drive
+from drivetool.drive.effects import load_step
+from drivetool.identify.estimate import Covariance
+
+BEYOND = 3.0  # joint standard deviations from which on a parameter differs: by chance one of 370 does
+SAME = 1e-8  # relative difference below which two values are one: ten digits are written
+
+OTHER_MOTOR = "of the motor's converter or sensor, and the other file has those of the other motor"
+OTHER_NOTCH = "the anti-resonance is that of the load, and the two files have different loads"
+ONE_RECORD = "of one recording alone"
+PHASE = "it depends on where the recording's angle is zero"
+EQUAL = "the same value in both files, not fitted in both: it says nothing"
+CARRIED = "the same value and interval in both files, so from one source: it says nothing"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A value in `unit`; std: None where there is none, and then `reason` may say why."""
+
+    value: float
+    unit: str
+    std: float | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Side:
+    """What is known of a drive from one of its motors.
+
+    name        of the file
+    drive       with its values
+    reasons     parameter -> why it has no interval
+    covariance  of the parameters that have one; None: none has
+    derived     name -> figure that follows from the parameters
+    """
+
+    name: str
+    drive: Drive
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    covariance: Covariance | None = None
+    derived: Mapping[str, Figure] = field(default_factory=dict)
+
+    def figures(self) -> dict[str, Figure]:
+        """Every parameter that has a value."""
+        known = self.covariance
+        stds = {} if known is None else dict(zip(known.names, np.sqrt(np.diag(known.matrix)), strict=True))
+        return {n: Figure(v, self.drive.unit(n), float(stds[n]) if n in stds else None, self.reasons.get(n, ""))
+                for n, v in self.drive.values.items()}
+
+
+@dataclass(frozen=True)
+class SwapLine:
+    """A parameter, or a figure that follows from them, on both sides.
+
+    first, second  its name in each file; empty where a file has none
+    factor         by which the second value was multiplied: across a gear it is referred to the other side
+    values, stds   first, second, both in `unit`; None where there is none
+    difference     second less first; std: its own, of independent recordings; ratio: difference over std
+    reason         why there is no difference or no ratio
+    """
+
+    first: str
+    second: str
+    unit: str
+    factor: float = 1.0
+    values: tuple[float | None, float | None] = (None, None)
+    stds: tuple[float | None, float | None] = (None, None)
+    difference: float | None = None
+    std: float | None = None
+    ratio: float | None = None
+    reason: str = ""
+
+    @property
+    def differs(self) -> bool:
+        """Whether it is beyond what both files allow."""
+        return self.ratio is not None and abs(self.ratio) > BEYOND
+
+
+def counterpart(name: str, first: Drive, second: Drive) -> tuple[str, float]:
+    """(name in the second drive, factor that refers its value to the first one); no name for what it lacks.
+
+    A shaft's torque and twist are those behind its gear: behind one of ratio n its stiffness is n^2 times that in
+    front of it. Sums are as the motor feels them. What belongs to a body is the body's own.
+    """
+    owner, _, suffix = name.partition(".")
+    if AT in name or owner in ("converter", "sensor"):
+        return "", 1.0
+    if owner in first.bodies:
+        return f"{second.bodies[-1 - first.bodies.index(owner)]}.{suffix}", 1.0
+    if owner in first.shafts:
+        other = second.shafts[-1 - first.shafts.index(owner)]
+        ratio, quantity = second.value(f"{other}.ratio") or 1.0, first.quantity(name)
+        if suffix == "ratio":
+            return f"{other}.ratio", ratio**-2.0  # of n and 1/n
+        return f"{other}.{suffix}", quantity.size(1.0 / ratio, ratio) / quantity.scale
+    return name, _whole(second) ** GEARED[TOTALS[name]] if name in TOTALS else 1.0
+
+
+def _whole(drive: Drive) -> float:
+    """Turns of the first body for one of the last."""
+    return prod(drive.value(f"{shaft}.ratio") or 1.0 for shaft in drive.shafts)
+
+
+def lines_of(first: Side, second: Side) -> Iterator[SwapLine]:
+    """Every parameter that one of the files has, in the order of the first drive."""
+    mine, its, taken = first.figures(), second.figures(), set()
+    for name in first.drive.quantities:
+        other, factor = counterpart(name, first.drive, second.drive)
+        taken.add(other)
+        if name in mine or other in its:
+            said = _not_compared(name)
+            yield line_of(name, other, factor, mine.get(name), its.get(other), first.name, second.name, said)
+    for name in its:
+        if name not in taken:
+            yield line_of("", name, 1.0, None, its[name], first.name, second.name, _not_compared(name))
+
+
+def _not_compared(name: str) -> str:
+    """Why a parameter of two recordings is not one of the drive; empty if it is."""
+    owner, _, suffix = name.partition(".")
+    if AT in name or f".{suffix}" in (*load_step.TORQUES, *load_step.TIMES, *load_step.RECORDS):
+        return ONE_RECORD
+    if owner in ("converter", "sensor"):
+        return OTHER_MOTOR
+    return PHASE if suffix.endswith(("_sine", "_cosine")) else ""
+
+
+def derived_of(first: Side, second: Side) -> Iterator[SwapLine]:
+    """Figures of both files that follow from the parameters; resonances are those of the whole drive."""
+    for name in dict.fromkeys((*first.derived, *second.derived)):
+        factor = _whole(second.drive) ** 2.0 if name.startswith("total_inertia") else 1.0
+        notch = OTHER_NOTCH if name.startswith("anti_resonance") else ""
+        yield line_of(name, name, factor, first.derived.get(name), second.derived.get(name), first.name,
+                      second.name, notch)
+
+
+def line_of(name: str, other: str, factor: float, mine: Figure | None, its: Figure | None, first: str, second: str,
+            why_not: str = "") -> SwapLine:
+    """One figure on both sides.
+
+    factor         of the second value
+    mine, its      None where a file has none
+    first, second  names of the files, for the reason
+    why_not        why the two are not compared, if they are not
+    """
+    one, two = mine or Figure(np.nan, ""), its or Figure(np.nan, "")
+    values = (None if mine is None else one.value, None if its is None else two.value * factor)
+    stds = (one.std, None if two.std is None else two.std * factor)
+    line = SwapLine(name, other, one.unit if mine else two.unit, factor, values, stds)
+    if why_not:
+        return replace(line, reason=why_not)
+    if mine is None or its is None:
+        return replace(line, reason=f"only in {second if mine is None else first}")
+    if one.unit != two.unit:
+        return replace(line, reason=f"in {one.unit} and in {two.unit}", values=(one.value, None),
+                       stds=(one.std, None))
+    change = two.value * factor - one.value
+    line = replace(line, difference=change)
+    equal = abs(change) <= SAME * abs(one.value)
+    if stds[0] is None or stds[1] is None:
+        if equal:
+            return replace(line, reason=EQUAL)
+        untold = [f"no interval in {file}{f': {figure.reason}' if figure.reason else ''}"
+                  for file, figure in ((first, one), (second, two)) if figure.std is None]
+        return replace(line, reason="; ".join(untold))
+    if equal and abs(stds[0] - stds[1]) <= SAME * stds[0]:
+        return replace(line, reason=CARRIED)
+    std = float(np.hypot(*stds))
+    return replace(line, std=std, ratio=change / std)

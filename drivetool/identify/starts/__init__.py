@@ -1,0 +1,9 @@
+"""Ways into the optimum: multi-start search, rigid-body regression, continuation in process noise, clouds of
+guesses, partial records, a look along the stiffness.
+
+A task comes in. Points to fit from go out.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

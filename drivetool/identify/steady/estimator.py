@@ -1,0 +1,245 @@
+"""Friction from running at constant speeds, constant torques, or down: the first step of the identification."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import BadOption, Finding, NotEnoughData
+from drivetool.identify.coast_down import Stretch, run_downs
+from drivetool.identify.estimate import Covariance, Estimate, Parameter
+from drivetool.identify.plateaus import (
+    KEYS,
+    Interval,
+    Line,
+    Points,
+    Task,
+    body_findings,
+    exhibits,
+    find_intervals,
+    fit_line,
+    line_findings,
+    make_points,
+    mean_variances,
+    parameter,
+    point_list,
+)
+from drivetool.identify.setup import Options, at_rates, only_in_greybox
+from drivetool.logs import Experiment, sources
+
+
+def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """Viscous friction, idle torque and Coulomb friction from steady intervals.
+
+    The intervals are found by the statistic of Cao & Rhinehart (steady_speeds/state.py). Each gives a point:
+    mean torque and mean speed, with a variance from batch means. A weighted line through the points,
+    T = c w + T0 + Tc sgn(w), gives the friction of the whole drive; with a shaft torque in all the
+    recordings of a two-mass drive, one line per body: Tm - Ts over wm and Ts over wl.
+    Intervals of 95 % are Student's t; the noise is averaged from the batches and from the scatter about
+    the line. If the points scatter more than the noise explains (at 1 %), the scatter alone counts.
+
+    experiments  motor_torque and motor_speed or motor_angle; optional shaft_torque, load_speed
+    drive        start values; names in options.hold keep theirs
+    returns      Estimate of motor.viscous, motor.idle_torque, motor.coulomb of a one-body drive; of
+                 total.viscous, total.idle_torque, motor.coulomb with more bodies; of both bodies' own
+                 with a shaft torque
+    raises       NotEnoughData: no steady interval, only standstill, or torques that are on no line
+    source       Tallfors 2005, sec. 5.4 and 6.4; Cao & Rhinehart 1995
+    """
+    for name in options.hold:
+        drive.quantity(name)
+    only_in_greybox(options.free)
+    _check_asked(drive, options)
+    if options.method == "acceleration":
+        from drivetool.identify.acceleration import acceleration
+
+        return acceleration(at_rates("steady", experiments, options), drive, options)
+    experiments = at_rates("steady", experiments, options)
+    if options.method == "coast-down" or not any(_driven(e) for e in experiments):
+        return _coast_down(experiments, drive, options)
+    off = run_downs(experiments)
+    intervals = [i for experiment in experiments for i in find_intervals(experiment)
+                 if not any(_within(i, s, experiments[s.recording]) for s in off)]
+    if not intervals:
+        raise NotEnoughData(
+            "intervals of constant speed and torque", f"none in {', '.join(e.name for e in experiments)}",
+            "Record with the speed controller on, and hold each of several speeds until the torque settles. Where "
+            "a drive accelerates at constant torque, and coasts, take --method acceleration; where it "
+            "runs down without torque, --method coast-down.")
+    tasks = _tasks(intervals, drive, options)
+    results = []
+    for task in tasks:
+        points = make_points(intervals, task.torque, task.speed)
+        if points is None:
+            raise NotEnoughData("intervals at a speed other than zero", "only standstill",
+                                "Sticking friction hides the rest at standstill; run at several speeds.")
+        results.append((task, points, fit_line(points, task.held, task.start, task.carried, task.what)))
+    return _estimate(experiments, drive, options, intervals, results)
+
+
+def _check_asked(drive: Drive, options: Options) -> None:
+    """Refuse what no method of this step takes, and what only a coast-down does where none was asked for."""
+    start = options.start
+    if start.rest or start.states or start.records or any(drive.value(f"{b}.clamped") for b in drive.bodies):
+        raise BadOption("no start state and no clamp in steady", "one of them",
+                        "Leave it out: the start of every stretch is fitted.")
+    for option, asked in (("--flux-decay", options.flux_decay is not None), ("--stages", bool(options.stages))):
+        if asked and options.method != "coast-down":
+            raise BadOption(f"--method coast-down with {option}", f"--method {options.method}",
+                            "Say so, or leave it out.")
+
+
+def _within(interval: Interval, stretch: Stretch, experiment: Experiment) -> bool:
+    """Whether an interval is part of a run-down: counts may be as many per sample for a while."""
+    begin, end = (experiment.offset + k * experiment.step for k in (stretch.first, stretch.last))
+    return interval.file == experiment.name and interval.start < end and interval.end > begin
+
+
+def _coast_down(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
+    """The estimate of a coast-down; that it was one, where nobody said so."""
+    from drivetool.identify.coast_down import coast_down
+
+    found = coast_down(experiments, drive, options)
+    if options.method == "coast-down":
+        return found
+    return replace(found, findings=(Finding(
+        "note", "coast-down-found", "This is a coast-down: no torque is logged but zeros, and the drive runs "
+        "down.", {}, "Say --method coast-down, or record constant speeds under torque."),
+        *found.findings))
+
+
+def _driven(experiment: Experiment) -> bool:
+    """Whether a torque was logged that is not zero throughout."""
+    return bool(np.nanmax(np.abs(experiment.signals.get("motor_torque", np.zeros(1))), initial=0.0) > 0.0)
+
+
+def _tasks(intervals: Sequence[Interval], drive: Drive, options: Options) -> list[Task]:
+    """The lines to fit, from what was measured and what is held."""
+    split = len(drive.bodies) == 2 and all("shaft_torque" in i.signals for i in intervals)
+    if not split:
+        return [_task("motor_torque", "motor_speed", None, drive, options)]
+    # At a steady speed the shaft turns with the motor, so the motor's speed will do for the load.
+    ratio = drive.value(f"{drive.shafts[0]}.ratio")
+    load = "load_speed" if all("load_speed" in i.signals for i in intervals) else "motor_speed"
+    if ratio != 1.0:
+        raise BadOption("a direct shaft to use its torque", f"a ratio of {ratio:g}",
+                        "Leave shaft_torque out of the channel map, or refer it to the motor and drop "
+                        "the ratio.")
+    return [_task("difference", "motor_speed", drive.bodies[0], drive, options),
+            _task("shaft_torque", load, drive.bodies[1], drive, options)]
+
+
+def _task(torque: str, speed: str, body: str | None, drive: Drive, options: Options) -> Task:
+    """Names, held and start values of one line; body None: of all bodies together."""
+    names, held, start, carried = {}, {}, {}, {}
+    bodies = drive.bodies if body is None else (body,)
+    for key in KEYS:
+        total = f"total.{key}"
+        parts = [f"{b}.{key}" for b in bodies]
+        loose = [part for part in parts if part not in options.hold]
+        known = any(part in drive.values for part in parts)
+        value = drive.values.get(total) if body is None and total in drive.values else \
+            drive.felt(key, bodies) if known else None
+        if (body is None and total in options.hold) or not loose:
+            names[key], held[key] = None, value or 0.0
+            continue
+        carried[key] = drive.felt(key, [b for b in bodies if f"{b}.{key}" in options.hold])
+        if key == "coulomb" or len(loose) == 1:
+            names[key] = loose[0]
+            owner = loose[0].rpartition(".")[0]
+            if drive.turns()[drive.bodies.index(owner)] != 1.0:
+                raise BadOption(f"the {drive.bodies[0]}'s own part free behind a gear", f"only {loose[0]} free",
+                                f"The line is felt at the motor; hold total.{key}, or none of its parts.")
+        elif len(loose) == len(parts):
+            names[key] = total
+        else:
+            raise BadOption(f"{key.replace('_', ' ')} held for all bodies but one, or for none",
+                            f"free for {', '.join(loose)}",
+                            "At a steady speed only the sum shows; hold more of them, or none.")
+        if value is not None:
+            start[key] = value - carried[key]
+    return Task(torque, speed, body, names, held, start, carried)
+
+
+def _estimate(experiments: Sequence[Experiment], drive: Drive, options: Options,
+              intervals: Sequence[Interval], results: Sequence[tuple[Task, Points, Line]]) -> Estimate:
+    """Parameters, findings, pictures and the drive with its new values."""
+    parameters: list[Parameter] = []
+    findings: list[Finding] = []
+    for task, points, line in results:
+        parameters += [parameter(name, key, task, points, line, drive)
+                       for key, name in task.names.items() if name is not None]
+        findings += line_findings(task, points, line, drive, len(intervals))
+    values = {p.name: p.value for p in parameters}
+    task, points, _ = results[0]
+    if task.body is None and task.names["coulomb"] is not None:
+        # One body stands for all; what the others had would count twice.
+        values |= {name: 0.0 for name in (f"{body}.coulomb" for body in drive.bodies)
+                   if drive.values.get(name) and name not in (task.names["coulomb"], *options.hold)}
+        findings += body_findings(task, drive)
+    findings += _of_magnitudes(experiments)
+    parameters += [
+        Parameter(name, drive.value(name), drive.unit(name), drive.values.get(name), status="held",
+                  reason="held by --hold")
+        for name in drive.quantities if name in options.hold and name.rpartition(".")[2] in KEYS]
+    order = list(drive.quantities)
+    rmse = float(np.sqrt(np.mean([line.rmse**2 for *_, line in results])))
+    levels = len(set(points.levels))
+    where = "both directions" if len(set(np.sign(points.speed))) == 2 else "one direction"
+    return Estimate(
+        step="steady", drive=drive.with_values(values),
+        parameters=tuple(sorted(parameters, key=lambda p: order.index(p.name))),
+        outcome=f"{len(points.speed)} steady intervals at {levels} speed{'s' if levels > 1 else ''} in "
+                f"{where}, {rmse:.3g} {drive.torque_unit} rms from the line.",
+        fit={"simulation_fit_percent": None, "one_step_fit_percent": None, "rmse": rmse,
+             "n": sum(len(i.signals["motor_torque"]) for i in points.intervals),
+             "intervals": len(points.speed), "levels": levels,
+             "chi2": sum(line.chi2 for *_, line in results),
+             "chi2_dof": sum(line.dof for *_, line in results)},
+        covariance=_covariance(results),
+        details={"points": [p for task, points, _ in results for p in point_list(task, points)]},
+        findings=tuple(findings), data=sources(experiments),
+        exhibits=exhibits(experiments, results, drive))
+
+
+def _of_magnitudes(experiments: Sequence[Experiment]) -> list[Finding]:
+    """What a torque without its sign means for friction and load."""
+    names = [e.name for e in experiments if e.magnitudes]
+    if not names:
+        return []
+    return [Finding(
+        "warning", "torque-is-magnitude",
+        f"The torque of {', '.join(names)} is a magnitude; it was given the sign of the motion. Where the load is "
+        "larger than the friction and drives, the two change places.", {"recordings": len(names)},
+        "Log the torque with its sign if a load acts.")]
+
+
+def _covariance(results: Sequence[tuple[Task, Points, Line]]) -> Covariance | None:
+    """Covariance of everything that was fitted; two lines share the noise of the shaft torque."""
+    names = [task.names[key] for task, _, line in results for key in line.free]
+    sure = np.array([key not in line.conditional for *_, line in results for key in line.free], dtype=bool)
+    if not np.any(sure):
+        return None
+    matrix = results[0][2].covariance
+    if len(results) == 2:
+        (_, points_a, a), (_, points_b, b) = results
+        shared = a.inflation * b.inflation * _shared_variance(points_a, points_b)
+        cross = (a.weights * shared) @ b.weights.T
+        matrix = np.block([[a.covariance, cross], [cross.T, b.covariance]])
+    kept = tuple(name for name, known in zip(names, sure, strict=True) if known)
+    return Covariance(kept, matrix[np.ix_(sure, sure)])
+
+
+def _shared_variance(a: Points, b: Points) -> np.ndarray:
+    """(k,) covariance of the means of motor less shaft torque, and shaft torque, of the same intervals."""
+    first = [i.signals["difference"] for i in a.intervals]
+    second = [i.signals["shaft_torque"] for i in b.intervals]
+    steps = [i.step for i in a.intervals]
+    together = mean_variances([x + y for x, y in zip(first, second, strict=True)], steps)[0]
+    apart = mean_variances([x - y for x, y in zip(first, second, strict=True)], steps)[0]
+    # Estimated apart from the variances, it could come out larger than they allow.
+    bound = 0.99 * np.sqrt(a.variance * b.variance)
+    return np.clip((together - apart) / 4, -bound, bound)

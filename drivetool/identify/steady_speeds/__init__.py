@@ -1,1 +1,0 @@
-"""Intervals of constant speed or torque, and the friction that they tell."""

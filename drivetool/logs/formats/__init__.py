@@ -1,0 +1,8 @@
+"""A path to a log comes in, and a recording with its digest goes out.
+
+The suffix chooses the reader. A look at start and notes, and the summary of a site, are read here as well.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,1 @@
+from .read import read_mcap as read_mcap

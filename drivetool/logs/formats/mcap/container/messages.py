@@ -1,0 +1,69 @@
+"""Messages of an MCAP file, by topic and by block."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from mcap.records import Schema
+
+from drivetool.logs.formats.mcap.container.places import Places
+from drivetool.logs.formats.mcap.container.records import HEAD
+
+# Messages of a topic that are looked at to learn which fields it has, one per length and block.
+SAMPLES = 16
+
+
+@dataclass
+class Topic:
+    """One source of messages: its channels in the file, how often, and a few messages to learn from.
+
+    topic  as the file calls it
+    name   the same, or with a number where several sources have that topic
+    """
+
+    topic: str
+    name: str
+    encoding: str
+    schema: Schema
+    metadata: dict[str, str]
+    channels: list[int] = field(default_factory=list)
+    count: int = 0
+    samples: list[bytes] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Messages of one chunk, in the order of the file.
+
+    places  where they begin, with their heads; lengths (n,) of their contents
+    head    (n,) structured: channel, sequence, log_time, publish_time
+    only    the channel of all of them, or None where there are several
+    """
+
+    places: Places
+    lengths: np.ndarray
+    head: np.ndarray
+    only: int | None
+
+    def of(self, channels: list[int]) -> tuple[slice | np.ndarray, Places, np.ndarray]:
+        """(which of the messages, places and lengths of their contents) of what the channels said."""
+        data, starts = self.places.data, self.places.starts
+        mine = _among(self.head["channel"], channels) if self.only is None else None
+        if self.only in channels or (mine is not None and mine.all()):
+            return slice(None), Places(data, starts + HEAD, self.places.stride), self.lengths
+        which = np.flatnonzero(mine) if mine is not None else np.zeros(0, np.int64)
+        return which, Places.of(data, starts[which] + HEAD), self.lengths[which]
+
+    def content(self, index: int) -> bytes:
+        """The content of one message."""
+        first = int(self.places.starts[index]) + HEAD
+        return self.places.data[first:first + int(self.lengths[index])].tobytes()
+
+
+def _among(numbers: np.ndarray, wanted: list[int]) -> np.ndarray:
+    """(n,) whether each number is one of a few; faster than np.isin for those."""
+    found = np.zeros(len(numbers), bool)
+    for each in wanted:
+        found |= numbers == each
+    return found

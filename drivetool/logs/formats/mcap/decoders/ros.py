@@ -1,0 +1,110 @@
+"""Messages of ROS 1, and of ROS 2 in CDR: where the numbers of one message lie."""
+
+from __future__ import annotations
+
+import struct
+from functools import partial
+from typing import Any
+
+from drivetool.logs.formats.mcap.decoders.layout import Broken, Leaf, Numbers, Shape, Text, Walk
+from drivetool.logs.formats.mcap.decoders.ros_types import Types, parse
+
+# More elements that are not plain numbers than this: a damaged length, not a drive.
+MOST = 100_000
+
+
+def ros1_walk(name: str, definition: str) -> tuple[Walk, Types]:
+    """How a ROS 1 message is walked: no alignment, low byte first; Broken: a definition that is none."""
+    types = parse(name, definition, ros2=False)
+    return partial(_walk, name=name, types=types, cdr=False), types
+
+
+def cdr_walk(name: str, definition: str) -> tuple[Walk, Types]:
+    """How a ROS 2 message in CDR is walked: aligned numbers after a head that tells the byte order."""
+    types = parse(name, definition, ros2=True)
+    return partial(_walk, name=name, types=types, cdr=True), types
+
+
+def _walk(message: bytes, name: str, types: Types, cdr: bool) -> Shape:
+    """One message; Broken or struct.error if it is not what its definition says."""
+    cursor = _Cursor(message, types, cdr)
+    tree = cursor.message(name)
+    if cursor.at > len(message):
+        raise Broken("a message that is too short")
+    return Shape(tree, cursor.mask)
+
+
+class _Cursor:
+    """A place in a message that moves on as fields are read."""
+
+    def __init__(self, message: bytes, types: Types, cdr: bool):
+        self.bytes, self.types, self.cdr = message, types, cdr
+        self.mask = bytearray(len(message))
+        self.at, self.origin, self.order, self.widest = 0, 0, "<", 1
+        if cdr:
+            # 0, 1: plain CDR; 6, 7: its second version, which aligns to four bytes at most.
+            if len(message) < 4 or message[1] not in (0, 1, 6, 7):
+                raise Broken("an encapsulation other than plain CDR")
+            self.order = "<" if message[1] & 1 else ">"
+            self.widest = 8 if message[1] < 2 else 4
+            self.mask[:2] = b"\xff\xff"
+            self.at = self.origin = 4
+
+    def message(self, name: str) -> dict[str, Any]:
+        """The tree of a type."""
+        fields = self.types[name]
+        if not fields and self.cdr:
+            self.at += 1  # a message without fields is sent as one byte
+        return {field.name: self._value(field.kind) if field.count is None
+                else self._many(field.kind, field.count or self._length()) for field in fields}
+
+    def _value(self, kind: tuple[str, int] | str) -> Any:
+        """One number, text or message."""
+        if isinstance(kind, tuple):
+            code, size = kind
+            self._align(size)
+            leaf = Leaf(self.at, self.order + code, size)
+            self.at += size
+            if self.at > len(self.bytes):
+                raise Broken("a message that is too short")
+            return leaf
+        return self._text() if kind == "string" else self._other(kind)
+
+    def _other(self, kind: str) -> dict[str, Any]:
+        if kind == "wstring":
+            raise Broken("a wstring")
+        return self.message(kind)
+
+    def _many(self, kind: tuple[str, int] | str, count: int) -> Any:
+        """A list of numbers, texts or messages."""
+        if isinstance(kind, tuple):
+            code, size = kind
+            if count:
+                self._align(size)
+            numbers = Numbers(self.at, self.order + code, size, count)
+            self.at += size * count
+            if self.at > len(self.bytes):
+                raise Broken("a message that is too short")
+            return numbers
+        if count > MOST:
+            raise Broken(f"a list of {count}")
+        return [self._value(kind) for _ in range(count)]
+
+    def _text(self) -> Text:
+        length = self._length()
+        first, self.at = self.at, self.at + length
+        if self.at > len(self.bytes):
+            raise Broken("a message that is too short")
+        return Text(self.bytes[first:first + length - self.cdr * (length > 0)], first)
+
+    def _length(self) -> int:
+        """A length that is sent; it decides where what follows lies."""
+        self._align(4)
+        length = struct.unpack_from(f"{self.order}I", self.bytes, self.at)[0]
+        self.mask[self.at:self.at + 4] = b"\xff\xff\xff\xff"
+        self.at += 4
+        return length
+
+    def _align(self, size: int) -> None:
+        size = min(size, self.widest)
+        self.at += -(self.at - self.origin) % size

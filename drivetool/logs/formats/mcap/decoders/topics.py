@@ -1,0 +1,155 @@
+"""A topic of any encoding as fields with units, and columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from drivetool.logs.channels import Path, field_path
+from drivetool.logs.formats.mcap.container import Topic
+from drivetool.logs.formats.mcap.decoders import json_text, protobuf, ros
+from drivetool.logs.formats.mcap.decoders.layout import DAMAGE, Broken, Columns, Default, Leaf
+
+# message encoding -> schema encoding that it needs. Definitions in IDL (ros2idl, omgidl) are refused by name: of
+# the parsers for Python that are kept up, one is GPL, one comes in compiled code with readers of its own.
+ENCODINGS = {"json": "jsonschema (optional)", "cdr": "ros2msg", "ros1": "ros1msg", "protobuf": "protobuf"}
+# The longest message of a ROS type without fields [bytes].
+_NO_FIELDS = 8
+_SECONDS = ("sec", "secs", "seconds")
+_NANOSECONDS = ("nanosec", "nsec", "nsecs", "nanos", "nanoseconds")
+
+
+@dataclass(frozen=True)
+class Fields:
+    """What can be read of a topic.
+
+    name     of the source; topic: what the file calls it
+    listed   paths of its numbers
+    trees    samples of its messages
+    unit     path -> unit as the file notes it, or None
+    columns  paths -> reader of columns, with a method read(places, lengths)
+    """
+
+    topic: str
+    name: str
+    listed: tuple[Path, ...]
+    trees: tuple[Any, ...]
+    unit: Callable[[Path], str | None]
+    columns: Callable[[Sequence[Path]], Any]
+
+    def own(self, text: str) -> str:
+        """A text without the name of the source or of its topic before it."""
+        rest = text.removeprefix(f"{self.name}.")
+        return rest if rest != text else text.removeprefix(f"{self.topic}.")
+
+    def path(self, text: str) -> Path | None:
+        """The path behind a text, if there is such a number in one of the samples or the schema."""
+        for path in self.listed:
+            if field_path.text_of(path) == text:
+                return path
+        path = field_path.parse(text)
+        if path is None:
+            return None
+        found = [field_path.find(tree, path) for tree in self.trees]
+        return path if any(_is_number(node) and node is not None for node in found) else None
+
+    def stamp(self, text: str) -> tuple[Path, ...] | None:
+        """The path of a time stamp, or those of its seconds and nanoseconds."""
+        path = self.path(text)
+        if path is not None:
+            return (path,)
+        path = field_path.parse(text) or ("",)
+        for tree in self.trees:
+            node = field_path.find(tree, path)
+            if isinstance(node, dict):
+                parts = [next((key for key in node if key in names), None)
+                         for names in (_SECONDS, _NANOSECONDS)]
+                if all(parts):
+                    return tuple((*path, key) for key in parts)
+        return None
+
+
+def open_topic(topic: Topic) -> Fields:
+    """The fields of a topic.
+
+    raises  Broken: an encoding that is not read, or a schema that cannot be; says which
+    """
+    needs = ENCODINGS.get(topic.encoding)
+    if needs is None:
+        raise Broken(f"encoding {topic.encoding or 'none'}")
+    if topic.encoding == "json":
+        return _json(topic)
+    if topic.schema.encoding != needs:
+        raise Broken(f"encoding {topic.encoding} with schema encoding {topic.schema.encoding or 'none'}, "
+                     f"not {needs}")
+    text = topic.schema.data
+    if topic.encoding == "protobuf":
+        walk, types = protobuf.protobuf_walk(topic.schema.name, text)
+    else:
+        make = ros.cdr_walk if topic.encoding == "cdr" else ros.ros1_walk
+        walk, types = make(topic.schema.name, text.decode("utf-8", "replace"))
+        # A type that has no fields is sent as one byte after the head, filled up to four at most.
+        if not types[topic.schema.name] and max(map(len, topic.samples)) > _NO_FIELDS:
+            raise Broken(f"the definition of its schema {topic.schema.name} is empty")
+    trees = []
+    for sample in topic.samples:
+        try:
+            trees.append(walk(sample).tree)
+        except DAMAGE:
+            continue
+
+    def unit(path: Path) -> str | None:
+        noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
+        return noted or (_ros_unit(types, topic.schema.name, path) if topic.encoding != "protobuf" else None)
+
+    if not trees:
+        raise Broken("messages that are not what their schema says")
+    return Fields(topic.topic, topic.name, _listed(trees), tuple(trees), unit,
+                  lambda paths: Columns(walk, list(paths)))
+
+
+def _json(topic: Topic) -> Fields:
+    """A topic in JSON; its schema is optional and says what the first messages may not."""
+    schema = None
+    if topic.schema.encoding == "jsonschema":
+        schema = json_text.loads(topic.schema.data)
+    trees = [tree for tree in map(json_text.loads, topic.samples) if tree is not None]
+    listed = list(_listed(trees))
+    if schema:
+        listed = list(dict.fromkeys([*listed, *json_text.declared(schema)]))
+
+    if not trees and not listed:
+        raise Broken("messages that are no JSON objects")
+
+    def unit(path: Path) -> str | None:
+        noted = topic.metadata.get(f"unit:{field_path.text_of(path)}")
+        return noted or json_text.unit(schema, path)
+
+    return Fields(topic.topic, topic.name, tuple(listed), tuple(trees), unit, json_text.JsonColumns)
+
+
+def _is_number(node: Any) -> bool:
+    return isinstance(node, Leaf | Default | bool) or json_text.is_number(node)
+
+
+def _listed(trees: Sequence[Any]) -> tuple[Path, ...]:
+    """The numbers of all samples, in the order in which they are met."""
+    return tuple(dict.fromkeys(path for tree in trees
+                               for path in field_path.paths(tree, _is_listed)))
+
+
+def _is_listed(node: Any) -> bool:
+    return isinstance(node, Leaf | Default) or json_text.is_number(node)
+
+
+def _ros_unit(types: dict, name: str, path: Path) -> str | None:
+    """The unit in the comment at a field."""
+    found = None
+    for step in path:
+        if isinstance(step, str):
+            field = next((f for f in types.get(name, ()) if f.name == step), None)
+            if field is None:
+                return None
+            found, name = field.unit, field.kind
+    return found

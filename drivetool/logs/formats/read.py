@@ -1,0 +1,73 @@
+"""Which reader takes a file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from drivetool.errors import BadRecording
+from drivetool.logs import Recording, shown
+from drivetool.logs.channels import ChannelMap, Choose, Reader, choose_channels
+from drivetool.logs.formats.tables import read_parquet
+
+
+def read_mcap(path: Path, choose: Choose, channel_map: ChannelMap | None, lenient: bool = False) -> Recording:
+    """See drivetool.logs.formats.mcap.read; imported here, since a Parquet log does not need it."""
+    from drivetool.logs.formats.mcap import read_mcap as read
+
+    return read(path, choose, channel_map, lenient)
+
+
+READERS: Mapping[str, Reader] = {".parquet": read_parquet, ".mcap": read_mcap}
+
+
+def read_recording(path: str | Path, channel_map: ChannelMap | None = None,
+                   choose: Choose | None = None, further: Sequence[str] = ()) -> Recording:
+    """A log file as it was, with the channels that the roles need.
+
+    path         .parquet or .mcap, or a folder of the parts of a .parquet
+    channel_map  which channel plays which role; None takes channels named like the roles
+    choose       other channels than those of the roles: names there are -> names to read; then
+                 what cannot be read is left out and said, instead of refused
+    further      roles that the drive has besides those of the table; without a map channels may be named like them
+    returns      Recording
+    raises       BadRecording: no such file, wrong suffix, empty, unreadable, no such channels
+    """
+    path = Path(path)
+    path = path if path.name else path.resolve()  # `.` has no name of its own
+    if not path.exists():
+        raise BadRecording("a recording", f"no file {path}", "Check the path.")
+    kind = ".parquet" if path.is_dir() else path.suffix.lower()
+    if kind not in READERS:
+        raise BadRecording("a recording with a known suffix", shown(path),
+                           "Export the log to Parquet or MCAP.", READERS)
+    if not path.is_dir() and path.stat().st_size == 0:
+        raise BadRecording(f"data in {shown(path)}", "an empty file", "Record or export it again.")
+    lenient = choose is not None
+    if choose is None:
+        choose = partial(_for_roles, channel_map=channel_map, log=shown(path), further=further)
+    with ThreadPoolExecutor(1) as pool:
+        # Beside the reading: it takes a quarter of the time, and both let go of the interpreter.
+        sha256 = pool.submit(_digest, path)
+        recording = READERS[kind](path, choose, channel_map, lenient)
+        return replace(recording, sha256=sha256.result())
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; of a folder, that of the digests of its parts by name."""
+    if path.is_dir():
+        parts = sorted(path.rglob("*.parquet"))
+        return hashlib.sha256("".join(f"{part.relative_to(path).as_posix()} {_digest(part)}\n"
+                                      for part in parts).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _for_roles(available: Sequence[str], channel_map: ChannelMap | None, log: str,
+               further: Sequence[str]) -> Sequence[str]:
+    """The channels that play a role."""
+    return list(choose_channels(available, channel_map, log, further).values())

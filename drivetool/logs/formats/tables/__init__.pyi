@@ -1,0 +1,1 @@
+from .parquet import natural as natural, read_parquet as read_parquet

@@ -1,0 +1,122 @@
+"""The time stamps of a table: floats, whole numbers, Arrow time stamps and durations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivetool.errors import BadRecording
+from drivetool.logs import parse_unit
+from drivetool.logs.channels import TimeEntry, as_seconds, require_fine, uncounted
+from drivetool.logs.formats.tables.columns import field_at, numbers, steps_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+TIME_NAMES = ("time", "t", "timestamp", "timestamps", "stamp", "time_stamp", "datetime")
+_TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+
+
+def time_column(schema: pa.Schema, entry: TimeEntry | None, log: str) -> str | None:
+    """Name of the time column: the map's, or the first of TIME_NAMES, possibly with a unit at its end.
+
+    raises  BadRecording: the map names one that is not there
+    """
+    if entry is not None:
+        if not steps_of(entry.channel, schema):
+            raise BadRecording(f"time channel '{entry.channel}'", f"no such column in {log}",
+                               "Correct `time` in the channel map.", schema.names)
+        return entry.channel
+    for known in TIME_NAMES:
+        for name in schema.names:
+            if re.fullmatch(rf"{known}(_?\[?(s|ms|us|ns)\]?)?", name.strip().lower()):
+                return name
+    return None
+
+
+def table_time(tables: Sequence[pa.Table], column: str, schema: pa.Schema, entry: TimeEntry | None,
+               log: str) -> tuple[np.ndarray, float]:
+    """((n,) seconds, origin [s]) of a time column.
+
+    entry   what the map says of it, or None
+    raises  BadRecording: whole numbers without a unit, or no numbers
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    table = tables[0]
+    steps = steps_of(column, schema)
+    kind = field_at(schema, steps).type
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_integer(kind):
+        stored = table.column(steps[0])
+        for step in steps[1:]:
+            stored = pc.struct_field(stored, step)
+        if pa.types.is_integer(kind):
+            unit = _unit(column, schema, steps, entry)
+            ticks = _TICKS[parse_unit(unit, "time", f"the integer time column '{column}' of {log}").text]
+        else:
+            ticks = _TICKS[kind.unit]
+        return _from_ticks(stored.cast(pa.int64()), ticks, entry)
+    try:
+        seconds = numbers(table, steps, column, log)
+    except BadRecording:
+        raise BadRecording(f"numbers or time stamps in the time column '{column}' of {log}", f"{kind}",
+                           "Name another with `time:` in the channel map, or export it as time stamps.") from None
+    unit = _unit(column, schema, steps, entry)
+    to_si = parse_unit(unit or "s", "time", f"time column '{column}' of {log}").to_si
+    if pa.types.is_float32(kind):
+        require_fine(seconds, to_si, column, log)
+    seconds = uncounted(seconds, entry)
+    return to_si(seconds) if unit else as_seconds(seconds, column, log), origin_of(schema)
+
+
+def origin_of(schema: pa.Schema) -> float:
+    """`origin` [s] in the metadata of a table, from which its seconds are counted; 0 if there is none."""
+    try:
+        origin = float((schema.metadata or {}).get(b"origin", 0))
+    except ValueError:
+        return 0.0
+    return origin if np.isfinite(origin) else 0.0
+
+
+def _unit(column: str, schema: pa.Schema, steps: tuple, entry: TimeEntry | None) -> str | None:
+    """Unit of the time column: from the map, the field's metadata, or the end of its name."""
+    if entry is not None and entry.unit:
+        return entry.unit
+    unit = (field_at(schema, steps).metadata or {}).get(b"unit")
+    if unit:
+        return unit.decode("utf-8", "replace")
+    ending = re.search(r"_\[?(s|ms|us|ns)\]?$|\[(s|ms|us|ns)\]$", column.strip().lower())
+    return (ending[1] or ending[2]) if ending else None
+
+
+def _from_ticks(column: pa.ChunkedArray, per_second: int, entry: TimeEntry | None) -> tuple[np.ndarray, float]:
+    """Integer time stamps, counted from the first one before they become floats."""
+    import pyarrow.compute as pc
+
+    if not column.null_count:
+        ticks = uncounted(np.asarray(column.to_numpy(), dtype=np.int64), entry)
+        return (ticks - ticks[0]) / per_second, int(ticks[0]) / per_second
+    missing = np.asarray(column.is_null().to_numpy())
+    ticks = np.asarray(pc.fill_null(column, 0).to_numpy(), dtype=np.int64)
+    known = ticks[~missing] = uncounted(ticks[~missing], entry)
+    first = int(known[0]) if len(known) else 0
+    seconds = (ticks - first) / per_second
+    seconds[missing] = np.nan
+    return seconds, first / per_second
+
+
+def from_step(schema: pa.Schema, count: int, log: str) -> np.ndarray:
+    """Time of a table without a time column, from `step` in its metadata."""
+    text = (schema.metadata or {}).get(b"step")
+    try:
+        step = float(text) if text else 0.0
+    except ValueError:
+        step = 0.0
+    if not (np.isfinite(step) and step > 0):
+        raise BadRecording(f"a time column in {log}", f"columns {', '.join(schema.names[:20])}",
+                           "Name it with `time: {channel: ..., unit: ...}` in the channel map.", TIME_NAMES)
+    return np.arange(count) * step

@@ -1,0 +1,94 @@
+"""Trends to disk."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from drivetool.errors import Finding
+from drivetool.files.results import Inputs, file_sections, finding_sections, tool_section
+from drivetool.files.shapes import trend_shapes as shapes
+from drivetool.files.yaml import plain, several
+from drivetool.logs import shown
+from drivetool.site.trends.outliers import Outlier
+from drivetool.site.trends.random_effects import RandomEffects
+from drivetool.site.trends.trend import Change, Drift, Slope, Trend
+
+
+def trends_file(findings: Sequence[Finding], found: Sequence[Trend], options: Mapping[str, Any],
+                inputs: Inputs = ()) -> shapes.TrendsFile:
+    """The trends file.
+
+    findings, found  as `trends_of` returns them
+    options          of the command; inputs: (name, sha256) of the summary
+    """
+    return shapes.TrendsFile(
+        schema=shapes.TRENDS_SCHEMA, tool=tool_section(), step="trend", outcome=outcome(findings, found),
+        series=[_series(each) for each in found], findings=finding_sections(findings),
+        inputs=file_sections(inputs), options=plain(options))
+
+
+def outcome(findings: Sequence[Finding], found: Sequence[Trend]) -> str:
+    """How many alarms there are, in how many series, in one sentence."""
+    machines = len({each.series.machine for each in found})
+    counts = [several(sum(f.code == code for f in findings), noun) for code, noun in (
+        ("trend-alarm", "alarm"), ("small-change", "smaller change"), ("outlying-recording", "outlying recording"))]
+    return f"{several(len(found), 'series')} of {several(machines, 'machine')}: {', '.join(counts)}"
+
+
+def summary_input(path: str) -> tuple[str, str]:
+    """(name, sha256) of a summary that was read."""
+    return shown(Path(path)), hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _series(trend: Trend) -> shapes.SeriesSection:
+    series = trend.series
+    return shapes.SeriesSection(
+        machine=series.machine, parameter=series.parameter, step=series.step,
+        kind=series.kind, unit=series.unit,
+        first=series.recordings[0], last=series.recordings[-1], left_out=series.left_out,
+        outliers=[_outlier(name, outlier) for name, outlier in trend.outliers], mean=_mean(trend.mean),
+        parts=[_mean(part) for part in trend.parts], drift=trend.drift and _drift(trend.drift),
+        changes=[_change(trend, change) for change in trend.changes], correlation=plain(trend.correlation),
+        reason=trend.reason)
+
+
+def _outlier(name: str, outlier: Outlier) -> shapes.OutlierSection:
+    content = plain(asdict(outlier))
+    del content["place"]
+    return shapes.OutlierSection(recording=name, **content)
+
+
+def _mean(mean: RandomEffects) -> shapes.MeanSection:
+    return shapes.MeanSection(
+        value=plain(mean.value), ci95=_pair(mean.ci95), std_within_day=plain(mean.within_day),
+        std_between_days=plain(mean.between_days), recordings=mean.recordings, days=mean.days)
+
+
+def _drift(drift: Drift) -> shapes.DriftSection:
+    content = plain(asdict(drift)) | {"significant": drift.told}
+    del content["told"]
+    return shapes.DriftSection(**content | {
+        "per_recording": _slope(drift.per_recording), "per_day": drift.per_day and _slope(drift.per_day)})
+
+
+def _slope(slope: Slope) -> shapes.SlopeSection:
+    return shapes.SlopeSection(value=plain(slope.value), std=plain(slope.std), ci95=_pair(slope.ci95))
+
+
+def _change(trend: Trend, change: Change) -> shapes.ChangeSection:
+    series, content = trend.series, plain(asdict(change))
+    place = content.pop("place")
+    began = None if series.starts is None else tuple(
+        datetime.fromtimestamp(float(series.starts[i]), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        for i in (place - 1, place))
+    return shapes.ChangeSection(last_before=series.recordings[place - 1], first_after=series.recordings[place],
+                                began=began, **content)
+
+
+def _pair(pair: tuple[float, float] | None) -> tuple[float | None, float | None] | None:
+    return None if pair is None else (plain(pair[0]), plain(pair[1]))

@@ -1,0 +1,137 @@
+"""What the drive might be as well: draws from the covariance of its parameter file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.drive import Drive
+from drivetool.errors import BadParameters
+from drivetool.identify.estimate import Covariance
+from drivetool.tune.optimisation.load_step_factors import peaks
+from drivetool.tune.optimisation.search import sensitivity_of
+from drivetool.tune.speed_loop import Loop, Modes, Settings, Wiring, absolute_integral, build, decompose, plant
+
+LEVELS = (0.05, 0.5, 0.95)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Drives that the file's uncertainty allows.
+
+    drives        physical ones, with the nominal values of what has no uncertainty
+    unphysical    draws that a bound of a parameter forbids; left out
+    names         of the parameters that vary
+    """
+
+    drives: tuple[Drive, ...]
+    unphysical: int
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How figures of a tuned loop spread over the draws.
+
+    draws, unphysical, unstable  how many
+    parameters                   that vary
+    above_limit                  share of the physical draws with Ms above the limit
+    quantiles                    figure -> level -> value; an unstable draw counts as infinite
+    samples                      figure -> (draws,) values, for pictures
+    """
+
+    draws: int
+    unphysical: int
+    unstable: int
+    parameters: tuple[str, ...]
+    above_limit: float
+    quantiles: Mapping[str, Mapping[str, float]]
+    samples: Mapping[str, np.ndarray]
+
+
+def joint(drive: Drive, known: Covariance | None, stds: Mapping[str, float]) -> Covariance | None:
+    """The covariance of everything that has an uncertainty; without correlation where none is known.
+
+    known  of the parameter file, in the units of the drive
+    stds   standard deviations of single parameters; those in `known` are not used
+    """
+    names = [n for n in (known.names if known else ()) if drive.value(n) is not None]
+    more = [n for n in stds if n not in names and stds[n] > 0.0 and drive.value(n) is not None]
+    if not names and not more:
+        return None
+    matrix = np.zeros((len(names) + len(more),) * 2)
+    if names:
+        keep = [known.names.index(n) for n in names]
+        matrix[:len(names), :len(names)] = known.matrix[np.ix_(keep, keep)]
+    for k, name in enumerate(more, len(names)):
+        matrix[k, k] = stds[name] ** 2
+    return Covariance((*names, *more), matrix)
+
+
+def draw(drive: Drive, covariance: Covariance, count: int, seed: int) -> Draws:
+    """Normal draws with all correlations.
+
+    count   wanted; those that are not physical are left out and counted
+    seed    of the draws
+    raises  BadParameters: a covariance that is none, or no physical draw
+    """
+    root = _root(covariance)
+    rng = np.random.default_rng(seed)
+    centre = np.array([drive.value(n) for n in covariance.names])
+    drives, unphysical = [], 0
+    for values in centre + rng.standard_normal((count, len(centre))) @ root.T:
+        try:
+            drives.append(drive.with_values(dict(zip(covariance.names, map(float, values), strict=True))))
+        except BadParameters:
+            unphysical += 1
+    if not drives:
+        raise BadParameters("a covariance that leaves some draws physical", f"{count} draws, none of them",
+                            "The parameters are too uncertain for a robust design; identify them better.")
+    return Draws(tuple(drives), unphysical, covariance.names)
+
+
+def _root(covariance: Covariance) -> np.ndarray:
+    """(k, k) R with R R' the covariance, whose rounding may have left a direction slightly negative."""
+    scale = np.sqrt(np.clip(np.diag(covariance.matrix), 0.0, None))
+    scale[scale == 0.0] = 1.0
+    correlation = 0.5 * (covariance.matrix + covariance.matrix.T) / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(correlation)
+    if values.min() < -1e-6 * max(values.max(), 1.0):
+        raise BadParameters("a covariance without negative variances",
+                            f"{values.min():.3g} along one direction of {', '.join(covariance.names)}",
+                            "Correct the covariance section of the parameter file, or delete it.")
+    return scale[:, None] * vectors * np.sqrt(np.clip(values, 0.0, None))
+
+
+def spread(draws: Draws, wiring: Wiring, settings: Settings, limit: float) -> Spread:
+    """Sensitivity, impact drop and overshoot of one setting over the draws."""
+    figures = {"max_sensitivity": [], "impact_drop": [], "overshoot": []}
+    for drive in draws.drives:
+        loop = build(drive, wiring)
+        found = figures_of(loop, settings)
+        for name, figure in zip(figures, found, strict=True):
+            figures[name].append(figure)
+    samples = {name: np.array(values) for name, values in figures.items()}
+    return Spread(
+        len(draws.drives) + draws.unphysical, draws.unphysical, int(np.isinf(samples["max_sensitivity"]).sum()),
+        draws.names, float(np.mean(samples["max_sensitivity"] > limit * (1.0 + 1e-9))),
+        {name: {f"{level:g}": _quantile(values, level) for level in LEVELS} for name, values in samples.items()},
+        samples)
+
+
+def figures_of(loop: Loop, settings: Settings) -> tuple[float, float, float]:
+    """(Ms, impact drop, overshoot [%]) of the load speed; infinite where unstable."""
+    ms = sensitivity_of(loop, plant(loop.drive, loop.wiring), settings)
+    if np.isinf(ms):
+        return np.inf, np.inf, np.inf
+    rates, weights = decompose(loop.matrix(settings)[None], loop.b, loop.rows["load_speed"][None])
+    first, opposite = peaks(Modes(rates[0], weights[0, 0]).extrema()[1])
+    return ms, float(absolute_integral(rates[0], weights[0, 0])[1]), 100.0 * opposite / first
+
+
+def _quantile(values: np.ndarray, level: float) -> float:
+    """The least value that a share `level` of the draws does not exceed."""
+    ordered = np.sort(values)
+    return float(ordered[min(len(ordered) - 1, max(0, int(np.ceil(level * len(ordered) - 1e-9)) - 1))])

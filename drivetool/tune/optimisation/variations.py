@@ -1,0 +1,71 @@
+"""The published sensitivity study: one parameter at a time, the controller unchanged.
+
+Tallfors 2005, sec. 3.2: stiffness and load inertia by +-20 %, the dead time doubled, the motor's
+inertia at 80 % with the resonance where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivetool.drive import Drive, resonances
+from drivetool.tune.optimisation.scenarios import figures_of
+from drivetool.tune.speed_loop import Settings, Wiring, build
+
+
+@dataclass(frozen=True)
+class Variation:
+    """One changed drive under the unchanged controller; infinite figures where it is unstable.
+
+    label  what was changed; drive: the changed drive
+    """
+
+    label: str
+    drive: Drive
+    max_sensitivity: float
+    impact_drop: float
+    overshoot: float
+
+
+def study(drive: Drive, wiring: Wiring, settings: Settings) -> tuple[Variation, ...]:
+    """All variations that this drive has."""
+    return tuple(Variation(label, changed, *figures_of(build(changed, wiring), settings))
+                 for label, changed in changed_drives(drive))
+
+
+def changed_drives(drive: Drive) -> Iterator[tuple[str, Drive]]:
+    """(label, drive) of every variation."""
+    yield "nominal", drive
+    for shaft in drive.shafts:
+        for percent in (-20, 20):
+            yield f"{shaft}.stiffness {percent:+d} %", _scaled(drive, f"{shaft}.stiffness", 1.0 + percent / 100.0)
+    last = drive.bodies[-1]
+    for percent in (-20, 20) if len(drive.bodies) > 1 else ():
+        yield f"{last}.inertia {percent:+d} %", _scaled(drive, f"{last}.inertia", 1.0 + percent / 100.0)
+    if drive.value("converter.dead_time"):
+        yield "converter.dead_time doubled", _scaled(drive, "converter.dead_time", 2.0)
+    first = drive.bodies[0]
+    yield f"{first}.inertia to 80 %" + (", same resonance" if drive.shafts else ""), lighter_motor(drive)
+
+
+def lighter_motor(drive: Drive, share: float = 0.8) -> Drive:
+    """The first inertia at a share; all shafts changed by one factor that keeps the lowest resonance.
+
+    Damping changes with stiffness, which keeps the relative damping too.
+    """
+    changed = _scaled(drive, f"{drive.bodies[0]}.inertia", share)
+    if not drive.shafts:
+        return changed
+    before, after = (min(m.frequency_hz for m in resonances(d) if m.kind == "resonance") for d in (drive, changed))
+    factor = float(np.square(before / after))
+    for shaft in drive.shafts:
+        for suffix in ("stiffness", "damping"):
+            changed = _scaled(changed, f"{shaft}.{suffix}", factor)
+    return changed
+
+
+def _scaled(drive: Drive, name: str, factor: float) -> Drive:
+    return drive.with_values({name: drive.value(name) * factor})
