@@ -6,10 +6,10 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivetool.errors import BadOption
 from drivetool.files.disk import check_folder, check_target, encoded, write_whole
+from drivetool.files.shapes import SiteFile
 from drivetool.files.yaml import several
 from drivetool.logs.formats import read_summary
 from drivetool.site.asked import Asked, CommandLine
@@ -28,9 +28,6 @@ from drivetool.site.results import (
 )
 from drivetool.site.site_run import Outcome, run_site
 from drivetool.site.verdicts import Case, index_page, judge, junit, markdown
-
-if TYPE_CHECKING:
-    from drivetool.files.shapes import SiteFile
 
 # Ten times what a fit of a usual recording takes; beyond it a recording is a mistake more often than large.
 MEMORY_MB = 2000.0

@@ -13,6 +13,7 @@ from drivetool.cli.options import (
     BETWEEN,
     OPTION,
     Job,
+    Opened,
     common as cli,
     differing,
     drive_for,
@@ -28,7 +29,6 @@ from drivetool.errors import BadOption, DriveToolError
 
 if TYPE_CHECKING:
     from drivetool.check.validation import ValidateOptions
-    from drivetool.cli.options import Opened
     from drivetool.drive import Drive
     from drivetool.files.shapes import ParameterFile
     from drivetool.logs import Experiment

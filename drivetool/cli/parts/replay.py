@@ -10,7 +10,6 @@ from drivetool.errors import Finding
 if TYPE_CHECKING:
     from drivetool.check.validation import RecordCheck, ValidateOptions, Validation
     from drivetool.drive import Drive
-    from drivetool.errors import Finding
     from drivetool.identify.estimate import Exhibit
     from drivetool.logs import Experiment
     from drivetool.tune.simulation import LoopReplay

@@ -13,13 +13,13 @@ from drivetool.files.figures.inspect_picture import panels
 from drivetool.files.figures.look import BLUE, CYCLE, GREY, INK, ORANGE, RED
 from drivetool.files.figures.thinning import decimated
 from drivetool.files.figures.tune_figures import KINDS
+from drivetool.identify.estimate import Exhibit
 from drivetool.identify.several import BEYOND
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from drivetool.identify.estimate import Exhibit
 
     Curve = tuple[np.ndarray, np.ndarray]
 

@@ -6,15 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING
 
 from drivetool.files.disk import check_folder, make_folder, write_whole
 from drivetool.files.figures.exhibits import figure
 from drivetool.files.figures.look import STYLE, as_written, drawing
 from drivetool.identify.estimate import Exhibit
-
-if TYPE_CHECKING:
-    from drivetool.logs import Experiment
+from drivetool.logs import Experiment
 
 PER_ROUND = ("diagnosis-candidates",)
 

@@ -30,6 +30,7 @@ from drivetool.identify.polynomial import (
     ringing,
     ringing_with_std,
     simulated_fit,
+    structured,
 )
 from drivetool.identify.setup import Options, Task, roles_of
 from drivetool.identify.several.differences import Difference, between_machines, differences, told
@@ -200,7 +201,6 @@ def _physical(structure: str, name: str, e: Experiment, drive: Drive, together: 
 
 def _started(drive: Drive, e: Experiment) -> Drive:
     """The drive with the values that output error finds."""
-    from drivetool.identify.polynomial import structured
 
     estimate: Estimate = structured([e], drive, Options(structure="oe", order=2 * len(drive.bodies) - 1))
     if estimate.drive.missing():
