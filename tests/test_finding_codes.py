@@ -27,7 +27,7 @@ ASKED = {
     ("identify/coast_down/stretches.py", "_goes_on"): "a recording has no other place for what is wrong with it",
     ("identify/laws/left_out.py", "without_shaft"): "asks a Lack, which becomes a finding here",
     ("identify/inverse/estimator.py", "_lines"): SORTED,
-    ("identify/estimate/results.py", "without_untold"): SORTED,
+    ("identify/estimate/interval_and_status.py", "without_untold"): SORTED,
     ("identify/blackbox/two_sides.py", "with_shaft_torque"): SORTED,
     ("identify/shaft_torque/sides.py", "as_in_file"): SORTED,
     ("logs/door/build.py", "_on_grid"): SORTED,

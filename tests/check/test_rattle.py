@@ -3,7 +3,7 @@
 import pytest
 
 from drivetool.check.fit.model import everything, from_start
-from drivetool.check.starts.rattle import rattles
+from drivetool.check.starts.backlash_multistart import rattles
 from drivetool.identify.setup import Task, roles_of
 from tests.hidden import greybox_options, make_case, write_start
 from tests.hidden.command import ask, grade

@@ -19,7 +19,7 @@ import yaml
 
 import drivetool
 from drivetool.cli import command_line
-from drivetool.cli.output import outcomes
+from drivetool.cli.output import exit_codes
 from drivetool.errors import Finding, NotEnoughData
 from drivetool.identify.estimate import Estimate, Exhibit, Parameter
 from tests.places import ROOT
@@ -337,12 +337,12 @@ def test_process_boundary(folder):
     (["failure"], True, False, 3), ([], False, False, 3), (["note"], True, True, 0),
 ])
 def test_exit_codes_are_decided_in_one_place(severities, passed, strict, code):
-    assert outcomes.exit_code(severities, passed, strict) == code
+    assert exit_codes.exit_code(severities, passed, strict) == code
 
 
 KEPT_ELSEWHERE = """
 import contextlib, typer
-from drivetool.cli.output.outcomes import guarded
+from drivetool.cli.output.exit_codes import guarded
 from drivetool.drive.compile.code_folder import folder
 
 with contextlib.suppress(typer.Exit):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive import two_mass
-from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.estimate.interval_and_status import parameters_of
 from drivetool.identify.problem.least_squares import Solution
 from drivetool.identify.problem.problem import Normal, Point
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.estimate.interval_and_status import parameters_of
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.setup.options import Options

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive import two_mass
-from drivetool.identify.estimate.results import parameters_of
+from drivetool.identify.estimate.interval_and_status import parameters_of
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.outcome.composition import unsettled
 from drivetool.identify.setup.setup import roles_of

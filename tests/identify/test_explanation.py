@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body, two_mass
-from drivetool.identify.estimate.results import Z95
+from drivetool.identify.estimate.interval_and_status import Z95
 from drivetool.identify.laws import explanation
 from drivetool.identify.laws.candidates import Candidate, Field
 from drivetool.identify.laws.explanation import CREDIBLE, DOUBLED, KEPT, REFUTED, chosen, spread

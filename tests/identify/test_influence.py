@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivetool.identify.estimate.results import covariance_of
+from drivetool.identify.estimate.interval_and_status import covariance_of
 from drivetool.identify.fit.engine import by_innovations, by_simulation, coloured
 from drivetool.identify.laws.influence import SLACK, Scores, influence_of, sandwich, scores_of
 from drivetool.identify.motion.linear import BLOCKS

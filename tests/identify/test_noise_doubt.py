@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.stats import binom, norm
 
 from drivetool.drive import one_body
-from drivetool.identify.estimate.results import Z95, covariance_of
+from drivetool.identify.estimate.interval_and_status import Z95, covariance_of
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.outcome.noise_doubt import from_noise_doubt

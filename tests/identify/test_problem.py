@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetool.drive import one_body
-from drivetool.identify.estimate.results import inverted
+from drivetool.identify.estimate.interval_and_status import inverted
 from drivetool.identify.problem.least_squares import solve
 from drivetool.identify.problem.problem import Point
 from drivetool.identify.setup.setup import roles_of

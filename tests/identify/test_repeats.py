@@ -7,7 +7,7 @@ import pytest
 
 from drivetool.drive import one_body
 from drivetool.identify.estimate.estimate import Covariance, Parameter
-from drivetool.identify.estimate.results import Z95
+from drivetool.identify.estimate.interval_and_status import Z95
 from drivetool.identify.greybox.estimator import greybox
 from drivetool.identify.outcome.repeats import Repeats, Told, repeats_of, tells, with_scatter
 from drivetool.identify.outcome.scatter import half_width, heterogeneity, restricted

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from drivetool.drive import one_body, two_mass
 from drivetool.errors import BadOption, BadParameters, NotEnoughData
-from drivetool.identify.plateaus.points import mean_variances
+from drivetool.identify.plateaus.intervals import mean_variances
 from drivetool.identify.setup.options import Options
 from drivetool.identify.steady.estimator import steady
 from drivetool.logs import Experiment

@@ -9,7 +9,7 @@ from drivetool.drive import two_mass
 from drivetool.errors import Finding
 from drivetool.identify.acceleration.estimator import in_the_drive, rigid_of
 from drivetool.identify.estimate.estimate import Estimate, Parameter
-from drivetool.identify.estimate.results import parameters_of, without_untold
+from drivetool.identify.estimate.interval_and_status import parameters_of, without_untold
 from drivetool.identify.fit.engine import by_innovations
 from drivetool.identify.identifiability.joint_identifiability import without_sizes
 from drivetool.identify.identifiability.shown import not_of_shaft

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivetool.check.faults import looked_at, recorded_timing
+from drivetool.check.faults import late_torque, looked_at
 from drivetool.drive import one_body, two_mass
 from drivetool.identify.backlash.estimator import backlash
 from drivetool.identify.blackbox.estimator import blackbox
@@ -143,7 +143,7 @@ def test_a_loop_tells_it_too():
 @pytest.mark.slow
 def test_bounds_have_a_reason(monkeypatch):
     """A tenth of what a model may leave, and a shift goes unseen; all of it, and one body explains a resonance."""
-    right, wrong = (recorded_timing._one_body(record(*given, "late")) for given in (axis(3), ringing()))
+    right, wrong = (late_torque._one_body(record(*given, "late")) for given in (axis(3), ringing()))
     assert told(torque_timing(right)) and not told(torque_timing(wrong), of=ALL)
     monkeypatch.setattr(module, "LEFT", 0.01)
     assert not told(torque_timing(right), of=ALL)

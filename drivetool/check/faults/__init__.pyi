@@ -1,7 +1,7 @@
+from .late_torque import looked_at as looked_at
 from .lateness import lag_of as lag_of
 from .load_side_scale import load_scale as load_scale
 from .record_faults import LATE as LATE, Fault as Fault, fine_steps as fine_steps, preflight as preflight
-from .recorded_timing import looked_at as looked_at
 from .shaft import (
     BLAMED as BLAMED,
     SCALE as SCALE,

@@ -1,3 +1,4 @@
+from .backlash_multistart import confirmed as confirmed, rattles as rattles
 from .base import (
     FAST as FAST,
     LATE as LATE,
@@ -19,15 +20,14 @@ from .base import (
     travel as travel,
     turns as turns,
 )
+from .gap_scan import half_gaps as half_gaps
 from .instants import EARLY as EARLY, load_steps as load_steps
-from .rattle import confirmed as confirmed, rattles as rattles
 from .scan import (
     FOLLOWED as FOLLOWED,
     HIGHEST as HIGHEST,
     LINES as LINES,
     asked_for as asked_for,
     disturbance_response as disturbance_response,
-    half_gaps as half_gaps,
     innovations as innovations,
     left_by as left_by,
     likely_large_tips as likely_large_tips,

@@ -1,4 +1,4 @@
-"""Cheap looks at a whole range: half gaps, third masses, orders of a ripple."""
+"""Cheap looks at a whole range: third masses, orders of a ripple."""
 
 from __future__ import annotations
 
@@ -21,13 +21,10 @@ from drivetool.check.fit import (
     with_tip,
 )
 from drivetool.drive import state_space
-from drivetool.identify.backlash import valleys
 from drivetool.identify.laws import grown, tip_names
-from drivetool.identify.noise import Noise, filtered, minus_log_likelihood
-from drivetool.identify.problem import Point
+from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.setup import Task, problem_of
 
-GAPS = np.geomspace(0.003, 300.0, 67)  # half gaps over the twist that the torque makes: a stiff shaft twists little
 TIMES = np.geomspace(0.4, 8.0, 14)  # frequencies of a third mass over that of the first resonance
 TRACE = 0.01  # share of the last inertia at which the effect of a third mass is in proportion to it
 BROAD = 0.1  # its damping ratio there: a sharper one would be missed between the frequencies
@@ -47,20 +44,6 @@ BETTER = 1.5
 TAIL = 0.1  # share of the score of an order that the slowest samples, and the fastest, may add for chance
 LINES = 2000  # frequencies up to there at which its trace is known
 CELLS, SPEEDS = 1 << 17, 256  # of the angle and of the speed, in which orders are looked for
-
-
-def half_gaps(base: Model, name: str, torque: float) -> list[float]:
-    """Half gaps at which the likelihood has its valleys, all else held: one Kalman pass each."""
-    task = base.fitted
-    twist = torque / task.drive.value(name.split(".")[0] + ".stiffness")
-
-    def look(value: float) -> float:
-        problem = problem_of(task.at({name: value}).drive, (), task.roles, base.problem.traces)
-        point = Point(np.empty(0), base.point.starts)
-        return minus_log_likelihood(filtered(problem, point, base.noise, keep=False))
-
-    values = np.array([look(share * twist) for share in GAPS])
-    return [float(GAPS[i] * twist) for i in valleys(values)[:KEEP]]
 
 
 def likely_tips(base: Model) -> list[Task]:

@@ -6,7 +6,7 @@ from .delivery import (
     print_table as print_table,
     show_entries as show_entries,
 )
-from .outcomes import (
+from .exit_codes import (
     DONE as DONE,
     MISSED as MISSED,
     USAGE as USAGE,

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from drivetool.cli.output.outcomes import exit_code, put, say
+from drivetool.cli.output.exit_codes import exit_code, put, say
 from drivetool.files.disk import write_whole
 
 if TYPE_CHECKING:

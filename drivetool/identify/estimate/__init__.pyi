@@ -9,8 +9,7 @@ from .estimate import (
     Starts as Starts,
     without_intervals as without_intervals,
 )
-from .percent import fit_percent as fit_percent, fit_words as fit_words
-from .results import (
+from .interval_and_status import (
     COLLINEAR as COLLINEAR,
     ONE_SIDED as ONE_SIDED,
     Z95 as Z95,
@@ -23,4 +22,5 @@ from .results import (
     why_on_bound as why_on_bound,
     without_untold as without_untold,
 )
+from .percent import fit_percent as fit_percent, fit_words as fit_words
 from .rounding import explains as explains, only_rounding as only_rounding, rounding_alone as rounding_alone

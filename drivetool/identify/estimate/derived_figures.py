@@ -10,7 +10,7 @@ import numpy as np
 from drivetool.drive import AT, Drive, resonances
 from drivetool.errors import DriveToolError
 from drivetool.identify.estimate.estimate import Covariance, Parameter
-from drivetool.identify.estimate.results import Z95
+from drivetool.identify.estimate.interval_and_status import Z95
 
 SHAPE = (".inertia", ".carried_mass", ".stiffness")
 # Read off the machine. What is fitted is said in their terms: a figure of the whole does not move with them.

@@ -1,11 +1,12 @@
-from .line import KEYS as KEYS, Line as Line, Points as Points, fit_line as fit_line, make_points as make_points
-from .points import (
+from .intervals import (
     Interval as Interval,
     find_intervals as find_intervals,
     mean_variances as mean_variances,
     rough_inertia as rough_inertia,
     speed_of as speed_of,
 )
+from .line import KEYS as KEYS, Line as Line, fit_line as fit_line
+from .points import Points as Points, make_points as make_points
 from .report import (
     Task as Task,
     body_findings as body_findings,

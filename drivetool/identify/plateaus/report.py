@@ -10,8 +10,9 @@ import numpy as np
 from drivetool.drive import Drive
 from drivetool.errors import Finding
 from drivetool.identify.estimate import Exhibit, Parameter
-from drivetool.identify.plateaus.line import Line, Points
-from drivetool.identify.plateaus.points import speed_of
+from drivetool.identify.plateaus.intervals import speed_of
+from drivetool.identify.plateaus.line import Line
+from drivetool.identify.plateaus.points import Points
 from drivetool.identify.setup import supply_of
 from drivetool.logs import Experiment
 
