@@ -8,7 +8,7 @@ import yaml
 
 from drivetool.check.fit.model import everything, from_start
 from drivetool.check.starts.base import torque_size
-from drivetool.check.starts.scan import GAPS, half_gaps
+from drivetool.check.starts.gap_scan import GAPS, half_gaps
 from drivetool.drive import two_mass
 from drivetool.identify.setup import Task, roles_of
 from tests.hidden import make_case

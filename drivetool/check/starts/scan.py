@@ -21,6 +21,7 @@ from drivetool.check.fit import (
     with_tip,
 )
 from drivetool.drive import state_space
+from drivetool.identify.backlash import valleys
 from drivetool.identify.laws import grown, tip_names
 from drivetool.identify.noise import Noise, filtered
 from drivetool.identify.setup import Task, problem_of

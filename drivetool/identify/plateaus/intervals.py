@@ -1,4 +1,4 @@
-"""From steady intervals to points with an uncertainty that allows for correlated noise."""
+"""Steady intervals of a record, and means over them with an uncertainty that allows for correlated noise."""
 
 from __future__ import annotations
 
