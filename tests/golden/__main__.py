@@ -1,0 +1,26 @@
+"""`python -m tests.golden [BASE]`, and for what is done now and then:
+
+    run COMMIT [PATTERN...]     run the cases that match, with one side only
+    again COMMIT [PATTERN...]   run them once more and compare both results
+    list [PATTERN...]           the cases, their commands, and the options that none covers
+"""
+
+from __future__ import annotations
+
+import sys
+
+from tests.golden import environment
+
+
+def main(arguments: list[str]) -> int:
+    """The exit code: 1 for a difference."""
+    environment.enter(arguments)
+    # What follows needs the libraries of the environment.
+    from tests.golden import tasks
+
+    environment.check_versions(environment.pinned(), environment.installed())
+    return tasks.main(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
