@@ -46,7 +46,8 @@ CHAINS: dict[str, dict[str, list[str]]] = {
             "show validate.yaml"]},
     "axis": {
         "chain": [
-            "greybox moves.parquet --drive one-body --set motor.inertia=80 --criterion inverse -o inverse.yaml --plot p1",
+            "greybox moves.parquet --drive one-body --set motor.inertia=80 --criterion inverse -o inverse.yaml "
+            "--plot p1",
             f"greybox moves.parquet --drive one-body -p inverse.yaml -o greybox.yaml {SHORT}",
             "validate moves_holdout.parquet -p inverse.yaml --criterion inverse -o validate.yaml",
             "validate moves_holdout.parquet -p inverse.yaml -p greybox.yaml --segment 0.5 -o both.yaml",

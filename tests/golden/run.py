@@ -97,7 +97,7 @@ def run_all(cases: Sequence[Case], commit: str, again: bool = False, place: Path
 def _kept(case: Case, variables: Mapping[str, str], place: Path) -> tuple[Case, Result]:
     """Run a case in a folder of its own and write its result."""
     # The paths of both sides are equally long, so that no line that holds one would break elsewhere.
-    work = places.folder() / "work" / place.name / case.key
+    work = places.folder() / "work" / places.digest(str(place).encode())[:12] / case.key
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     Path(variables["TMPDIR"]).mkdir(parents=True, exist_ok=True)
