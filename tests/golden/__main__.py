@@ -9,17 +9,25 @@ from __future__ import annotations
 
 import sys
 
-from tests.golden import environment
+from tests.golden import environment, places
+
+TASKS = ("run", "again", "list")
 
 
 def main(arguments: list[str]) -> int:
     """The exit code: 1 for a difference."""
-    environment.enter(arguments)
+    if arguments[:1] and arguments[0] in TASKS:
+        task, *rest = arguments
+    else:
+        # Refused at once, before anything is installed.
+        task, rest = "compare", [places.commit_of(arguments[0]) if arguments else places.base()]
+        places.head_of_clean_tree()
+    environment.enter([task, *rest] if task in TASKS else rest)
     # What follows needs the libraries of the environment.
     from tests.golden import tasks
 
     environment.check_versions(environment.pinned(), environment.installed())
-    return tasks.main(arguments)
+    return tasks.main(task, rest)
 
 
 if __name__ == "__main__":

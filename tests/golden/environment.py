@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
@@ -27,14 +29,21 @@ def python() -> Path:
 def make() -> None:
     """Make the environment if there is none of this lock."""
     env, stamp = places.folder() / "env", places.folder() / "env" / "lock"
-    if stamp.exists() and stamp.read_bytes() == places.LOCK.read_bytes():
-        return
+    places.folder().mkdir(parents=True, exist_ok=True)
+    with open(places.folder() / "making", "w") as alone:
+        fcntl.flock(alone, fcntl.LOCK_EX)
+        if not stamp.exists() or stamp.read_bytes() != places.LOCK.read_bytes():
+            _install(env)
+            shutil.copyfile(places.LOCK, stamp)
+
+
+def _install(env: Path) -> None:
+    """The versions of the lock, and nothing else."""
     print(f"golden: {places.LOCK.name} is installed into {env}", flush=True)
     shutil.rmtree(env, ignore_errors=True)
     subprocess.run([sys.executable, "-m", "venv", env], check=True)
     subprocess.run([python(), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps",
-                    "--requirement", places.LOCK], check=True, stderr=subprocess.DEVNULL)
-    shutil.copyfile(places.LOCK, stamp)
+                    "--requirement", places.LOCK], check=True)
 
 
 def inside() -> bool:
@@ -90,7 +99,8 @@ def tree(commit: str) -> Path:
         subprocess.run(["tar", "-x", "-C", part], stdin=archive.stdout, check=True)
         if archive.wait():
             raise SystemExit(f"git gives no archive of {commit}.")
-        part.rename(place)
+        with suppress(OSError):  # another process was first
+            part.rename(place)
     return place
 
 

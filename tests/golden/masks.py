@@ -19,7 +19,7 @@ from tests.golden import places
 HASH = re.compile(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])")
 # Not part of a longer number, name or code.
 LEFT, RIGHT = r"(?<![\w.-])", r"(?![\w-]|\.\d)"
-NUMBER = re.compile(r"(?<![\w.])([-+−]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)")
+NUMBER = re.compile(r"(?<![\w.])([-+−]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?!\w)")
 # What a run costs: columns of a summary, fields of a line of the manifest.
 COSTS = ("seconds", "peak_memory_mb")
 

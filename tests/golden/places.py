@@ -49,6 +49,11 @@ def commit_of(name: str, root: Path = ROOT) -> str:
     return found
 
 
+def base() -> str:
+    """The commit that the file BASE names."""
+    return commit_of(BASE.read_text().strip())
+
+
 def head_of_clean_tree(root: Path = ROOT) -> str:
     """The commit that the working tree is.
 

@@ -83,21 +83,22 @@ def run_all(cases: Sequence[Case], commit: str, again: bool = False, place: Path
     todo = [case for case in cases if again or not (place / f"{case.key}.zip").exists()]
     print(f"golden: {commit[:12]}: {len(cases)} cases, {len(todo)} of them to run", flush=True)
     began, left = time.monotonic(), len(todo)
-    with ThreadPoolExecutor(WORKERS) as pool:
+    pool = ThreadPoolExecutor(WORKERS)
+    try:
         for done in as_completed([pool.submit(_kept, case, variables, place) for case in todo]):
             case, result = done.result()
             left -= 1
-            bad = [step for step in result.steps if step.exit == LATE]
             print(f"{time.monotonic() - began:7.0f} s  {result.seconds:6.1f} s CPU  {case.name}  "
-                  f"exits {' '.join(str(step.exit) for step in result.steps)}{'  LATE' if bad else ''}  "
-                  f"({left} left)", flush=True)
+                  f"exits {' '.join(str(step.exit) for step in result.steps)}  ({left} left)", flush=True)
+    finally:
+        pool.shutdown(cancel_futures=True)
     return place
 
 
 def _kept(case: Case, variables: Mapping[str, str], place: Path) -> tuple[Case, Result]:
     """Run a case in a folder of its own and write its result."""
-    # The paths of both sides are equally long, so that no line that holds one would break elsewhere.
-    work = places.folder() / "work" / places.digest(str(place).encode())[:12] / case.key
+    # Both sides at one place, so that a text that holds its path is the same.
+    work = places.folder() / "work" / f"{os.getpid():010}" / case.key
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     Path(variables["TMPDIR"]).mkdir(parents=True, exist_ok=True)

@@ -14,22 +14,20 @@ from tests.golden.inputs_options import uncovered
 from tests.golden.masks import Masks, renamed
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(task: str, words: Sequence[str]) -> int:
     """The exit code: 1 for a difference."""
-    task, *rest = arguments or ["compare"]
-    if task == "run":
-        run.run_all(chosen(inputs.all_cases(default_base()), rest[1:]), places.commit_of(rest[0]))
-        return 0
-    if task == "again":
-        return again(places.commit_of(rest[0]), chosen(inputs.all_cases(default_base()), rest[1:]))
+    if task == "compare":
+        return golden(words[0])
     if task == "list":
-        return listed(rest)
-    return golden(places.commit_of(task) if arguments else default_base())
-
-
-def default_base() -> str:
-    """The commit that tests/golden/BASE names."""
-    return places.commit_of(places.BASE.read_text().strip())
+        return listed(words)
+    if not words:
+        raise SystemExit(f"{task} wants a commit.")
+    commit, patterns = places.commit_of(words[0]), words[1:]
+    cases = chosen(inputs.all_cases(places.base()), patterns)
+    if task == "again":
+        return again(commit, cases)
+    run.run_all(cases, commit)
+    return 0
 
 
 def chosen(cases: Sequence[Case], patterns: Sequence[str]) -> list[Case]:
@@ -86,7 +84,7 @@ def version(commit: str) -> str:
 
 def listed(patterns: Sequence[str]) -> int:
     """Print the cases, and the options that none has."""
-    base = default_base()
+    base = places.base()
     everything = inputs.all_cases(base)
     for each in chosen(everything, patterns):
         print(f"{each.kind}: {each.key}", *each.commands, sep="\n    ")

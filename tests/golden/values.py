@@ -51,7 +51,7 @@ def texts(name: str, old: str, new: str, masks: Masks) -> list[str]:
         if found:
             return _first(found, SHOWN)
         # A longer name or number breaks lines elsewhere.
-        if touched or _written(*trees):
+        if (touched or _written(*trees)) and same_sentence(_words(before), _words(after)):
             return []
     elif same_sentence(before, after) or (touched and same_sentence(_words(before), _words(after))):
         masks.used["number"] += 1
