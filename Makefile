@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench fuzz fixtures schemas reference \
-	clean
+.PHONY: demo test test-slow test-long check docs lint types packages test-floor study ablation bench fuzz golden fixtures \
+	schemas reference clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m drivetool.cli.demo fixtures/rig demo
@@ -61,6 +61,10 @@ bench: $(VENV)/ready
 
 fuzz: $(VENV)/ready
 	$(BIN)/python -m pytest -m fuzz
+
+# What a user gets from the working tree against BASE, on the same inputs; half an hour on two cores, BASE once more.
+golden:
+	$(PYTHON) -m tests.golden $(BASE)
 
 fixtures: $(VENV)/ready
 	$(BIN)/python -m tests.make_fixtures fixtures

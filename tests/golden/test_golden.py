@@ -1,0 +1,206 @@
+"""The comparison finds what it must, on stored toy results; what cannot be compared is said in one sentence."""
+
+import io
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from tests.golden import compare, environment, masks, places, tasks
+from tests.golden.case import Case
+from tests.golden.run import Result, Step, run, run_all
+
+YAML = b"""schema: drivetool/parameters/1
+tool: {name: drivetool, version: 0.2.0}
+inputs: {steps.parquet: SHA}
+parameters:
+  motor.inertia: {value: 0.5929252636, unit: kg m^2, status: fitted}
+  motor.coulomb: {value: 0.0, unit: Nm, status: held}
+findings:
+- {code: gap-seen, text: The half gap is 0.10 mrad in 3 runs.}
+"""
+CASE = Case("toy", "toys", {}, ("drivetool greybox",))
+
+
+def table(values):
+    sink = io.BytesIO()
+    pq.write_table(pa.table({"time": [0.0, 0.1, 0.2], "speed": values}), sink)
+    return sink.getvalue()
+
+
+def picture(shade=255):
+    pixels = np.full((4, 6, 3), 255, np.uint8)
+    pixels[2, 3] = shade
+    sink = io.BytesIO()
+    Image.fromarray(pixels).save(sink, "png")
+    return sink.getvalue()
+
+
+FILES = {"fit.yaml": YAML, "curves.parquet": table([1.0, 2.0, 3.0]), "p1/fit.png": picture(),
+         "summary.csv": b"recording,value,seconds,peak_memory_mb\na,1.5,2.0,100\n"}
+
+
+def result(files=FILES, exit_code=0, stdout=b"half gap 0.10 mrad\n"):
+    contents = {places.digest(data): data for data in (*files.values(), stdout)}
+    step = Step("drivetool greybox", exit_code, places.digest(stdout),
+                {path: places.digest(data) for path, data in files.items()})
+    return Result((step,), contents)
+
+
+def compared(new, tmp_path, old=None, known=None):
+    """The differences of two stored results, as (what, lines)."""
+    for side, each in (("old", old or result()), ("new", new)):
+        each.write(tmp_path / side / f"{CASE.key}.zip")
+    found = compare.compare([CASE], tmp_path / "old", tmp_path / "new", known or masks.Masks())
+    assert (found.cases, found.commands, found.files) == (1, 1, len((old or result()).steps[0].files))
+    return [(each.what, " ".join(each.lines)) for each in found.differences]
+
+
+def changed(path, old, new):
+    """The toy result with a text of one file replaced."""
+    assert old in FILES[path]
+    return result(FILES | {path: FILES[path].replace(old, new)})
+
+
+def test_equal_results_do_not_differ(tmp_path):
+    assert compared(result(), tmp_path) == []
+
+
+def test_a_change_of_1e_10_is_found(tmp_path):
+    (what, lines), = compared(changed("fit.yaml", b"0.5929252636", b"0.59292526365929"), tmp_path)
+    assert what == "fit.yaml"
+    assert ".parameters.motor.inertia.value: 0.5929252636 before, 0.59292526365929 now (by 1e-10 of it)" in lines
+    (what, lines), = compared(result(FILES | {"curves.parquet": table([1.0, 2.0 * (1 + 1e-10), 3.0])}), tmp_path)
+    assert what == "curves.parquet" and "speed: 1 rows, the first of them 1: 2.0 before" in lines
+    (what, lines), = compared(result(stdout=b"half gap 0.10000000001 mrad\n"), tmp_path)
+    assert what == "stdout" and "0.10000000001" in lines
+
+
+def test_a_zero_of_the_other_sign_is_found(tmp_path):
+    (_, lines), = compared(changed("fit.yaml", b"value: 0.0", b"value: -0.0"), tmp_path)
+    assert "0.0 before, -0.0 now" in lines
+    zeros = [result(FILES | {"curves.parquet": table([zero, 2.0, 3.0])}) for zero in (0.0, -0.0)]
+    assert compared(zeros[1], tmp_path, zeros[0]) == [("curves.parquet", "the same columns, other bytes")]
+
+
+def test_a_swapped_order_of_keys_is_found(tmp_path):
+    (what, lines), = compared(changed("fit.yaml", b"value: 0.0, unit: Nm", b"unit: Nm, value: 0.0"), tmp_path)
+    assert what == "fit.yaml" and ".parameters.motor.coulomb: order of keys, value before, unit now" in lines
+
+
+def test_another_layout_of_equal_values_is_found(tmp_path):
+    (what, lines), = compared(changed("fit.yaml", b"kg m^2", b"'kg m^2'"), tmp_path)
+    assert what == "fit.yaml" and "'kg m^2'" in lines
+    (what, lines), = compared(changed("fit.yaml", b"value: 0.0,", b"value: 0.00,"), tmp_path)
+    assert "0.0 before, 0.00 now" in lines
+
+
+def test_missing_files_exit_codes_and_pixels_are_found(tmp_path):
+    fewer = {path: data for path, data in FILES.items() if path != "fit.yaml"}
+    assert compared(result(fewer), tmp_path) == [("fit.yaml", "written before, not now")]
+    assert compared(result(), tmp_path, result(fewer)) == [("fit.yaml", "not written before, written now")]
+    assert compared(result(exit_code=3), tmp_path) == [("exit code", "0 before, 3 now")]
+    (what, lines), = compared(result(FILES | {"p1/fit.png": picture(254)}), tmp_path)
+    assert what == "p1/fit.png" and "1 pixels differ, the first at (3, 2)" in lines
+
+
+def test_costs_and_numbers_inside_sentences_are_masked(tmp_path):
+    known = masks.Masks()
+    assert compared(changed("summary.csv", b"2.0,100", b"9.0,300"), tmp_path, known=known) == []
+    assert compared(changed("fit.yaml", b"0.10 mrad", b"0.1 mrad"), tmp_path, known=known) == []
+    assert known.used == {"cost": 2, "number": 1}
+    (what, _), = compared(changed("summary.csv", b"a,1.5", b"a,1.6"), tmp_path)
+    assert what == "summary.csv"
+    (_, lines), = compared(changed("fit.yaml", b"0.10 mrad", b"0.11 mrad"), tmp_path)
+    assert "0.11 mrad" in lines
+
+
+def test_version_hashes_and_renamed_codes_are_masked_and_counted(tmp_path):
+    sides = []
+    for record, code, version in ((b"one", b"gap-seen", b"0.2.0"), (b"two", b"backlash-is-seen", b"0.3.0")):
+        text = YAML.replace(b"SHA", places.digest(record).encode()).replace(b"gap-seen", code)
+        sides.append(result({"steps.txt": record, "fit.yaml": text.replace(b"0.2.0", version)}))
+    known = masks.Masks(("0.2.0", "0.3.0"), {"gap-seen": "backlash-is-seen"})
+    # What an earlier file has is a difference by itself, and only there.
+    assert compared(sides[1], tmp_path, sides[0], known) == [("steps.txt", "-one +two")]
+    assert known.used["version"] and known.used["renamed: gap-seen -> backlash-is-seen"]
+    assert known.used["hash of an earlier file"] == 1
+    assert {what for what, _ in compared(sides[1], tmp_path, sides[0])} == {"steps.txt", "fit.yaml"}
+
+
+def test_a_renamed_code_is_no_part_of_a_longer_one():
+    known = masks.Masks(renamed={"gap": "play"})
+    assert known.apply("gap, gap-seen, gap. no-gap") == "play, gap-seen, play. no-gap"
+    assert masks.Masks(renamed={"The gap\nis wide.": "It is wide."}).apply("The gap\n  is wide.") == "It is wide."
+
+
+def test_a_case_runs_and_keeps_what_each_command_gave(tmp_path):
+    commands = ("echo 1 >a; echo 2 >b; echo out; false", "echo $?; rm a; echo 3 >b")
+    found = run(replace(CASE, commands=commands), tmp_path, {"PATH": "/usr/bin:/bin"})
+    first, second = found.steps
+    assert (first.exit, found.contents[first.stdout], sorted(first.files)) == (1, b"out\n", ["a", "b"])
+    assert (second.exit, found.contents[second.stdout]) == (0, b"1\n")
+    assert (list(second.files), second.gone) == (["b"], ["a"])
+    found.write(tmp_path / "kept.zip")
+    assert Result.read(tmp_path / "kept.zip") == found
+
+
+def test_a_case_that_has_a_result_is_not_run_again(tmp_path, monkeypatch):
+    variables = {"PATH": "/usr/bin:/bin", "TMPDIR": str(tmp_path / "tmp")}
+    monkeypatch.setattr(environment, "variables", lambda _: variables)
+    monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
+    case = replace(CASE, commands=("date +%N",))
+    place = run_all([case], "0" * 40)
+    before = Result.read(place / f"{case.key}.zip")
+    assert run_all([case], "0" * 40) == place and Result.read(place / f"{case.key}.zip") == before
+    run_all([case], "0" * 40, again=True)
+    assert Result.read(place / f"{case.key}.zip").contents != before.contents
+
+
+@pytest.fixture
+def repository(tmp_path):
+    """A repository of one commit."""
+    for words in (("init", "-q"), ("-c", "user.name=a", "-c", "user.email=a@b", "commit", "-q", "--allow-empty",
+                                   "-m", "first")):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    return tmp_path
+
+
+def test_an_unknown_base_and_a_dirty_tree_get_one_sentence(repository):
+    head = places.head_of_clean_tree(repository)
+    assert places.commit_of(head[:8], repository) == head
+    with pytest.raises(SystemExit, match=r"^BASE nowhere is no commit of this repository\.$"):
+        places.commit_of("nowhere", repository)
+    (repository / "new").write_text("a")
+    with pytest.raises(SystemExit, match=r"^The working tree differs from its commit: .*\.$"):
+        places.head_of_clean_tree(repository)
+
+
+def test_other_library_versions_get_one_sentence():
+    wanted = environment.pinned()
+    environment.check_versions(wanted, dict(wanted))
+    with pytest.raises(SystemExit, match=r"^1 libraries are not of the lock, the first of them numpy: wanted "):
+        environment.check_versions(wanted, wanted | {"numpy": "1.0"})
+    with pytest.raises(SystemExit, match="the first of them extra: wanted none, found 1"):
+        environment.check_versions(wanted, wanted | {"extra": "1"})
+    with pytest.raises(SystemExit, match="the first of them scipy"):
+        environment.check_versions(wanted, {name: v for name, v in wanted.items() if name != "scipy"})
+
+
+def test_base_is_a_commit_and_the_cases_are_chosen_by_name():
+    assert len(places.BASE.read_text().strip()) == 40
+    assert masks.renamed() == {}
+    cases = [replace(CASE, name=name) for name in ("docs-a", "docs-b", "site")]
+    assert [each.name for each in tasks.chosen(cases, ["docs-*"])] == ["docs-a", "docs-b"]
+    assert tasks.chosen(cases, []) == cases
+
+
+def test_what_is_asked_of_both_sides_does_not_know_the_product():
+    for path in Path(compare.__file__).parent.glob("*.py"):
+        assert not any(line.split()[:1] in (["import"], ["from"]) and "drivetool" in line.split()[1]
+                       for line in path.read_text().splitlines() if line.split()), path.name
