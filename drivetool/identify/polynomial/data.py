@@ -32,8 +32,9 @@ class Data:
     def parts(self, share: float) -> tuple[Data, Data]:
         """(first `share` of every stretch, the rest)."""
         cut = [[(s[: int(share * len(s))], s[int(share * len(s)):]) for s in r.stretches] for r in self.runs]
-        return tuple(replace(self, runs=tuple(replace(r, stretches=tuple(c[i] for c in cuts))
-                                              for r, cuts in zip(self.runs, cut, strict=True))) for i in (0, 1))
+        first, rest = (replace(self, runs=tuple(replace(r, stretches=tuple(c[i] for c in cuts))
+                                                for r, cuts in zip(self.runs, cut, strict=True))) for i in (0, 1))
+        return first, rest
 
 
 def data_of(experiments: Sequence[Experiment]) -> Data:
