@@ -21,7 +21,7 @@ from tests.simulator.machine import machine_by_seed
 
 FOLDER = ROOT / "drivetool" / "check" / "causes"
 # Files of faults of the record, and of what is said in the end, that still know a cause by its name.
-KNOWING = {"diagnose.py", "facts.py", "rules.py", "preflight.py", "shaft.py", "spikes.py", "story.py"}
+KNOWING = {"full_diagnosis.py", "facts.py", "rules.py", "record_faults.py", "shaft.py", "spikes.py", "story.py"}
 
 STARTLESS = {"torque-offset"}  # an idle torque of the base is the same
 ACROSS_GAP = {"damping-in-gap"}

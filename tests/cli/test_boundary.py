@@ -255,8 +255,7 @@ def test_validate_checks_each_file_as_a_model(folder, call, monkeypatch):
     if not hasattr(validation, "ValidateOptions"):
         fields = ["min_fit", "max_correlation", "seed"]
         monkeypatch.setattr(validation, "ValidateOptions", make_dataclass("O", fields), raising=False)
-    monkeypatch.setitem(
-        sys.modules, "drivetool.check.validation.free_run_validation", types.SimpleNamespace(validate=validate))
+    monkeypatch.setattr("drivetool.check.validation.validate", validate)
     (folder / "b.yaml").write_text(HAND + "noise: {torque_std: 1.5}\n")
     words = ["validate", "steps.parquet", "-p", "hand.yaml", "-p", "b.yaml", "-o", "v.yaml"]
     assert call(*words)[0] == 0

@@ -45,7 +45,7 @@ def asked(monkeypatch):
         data = tuple((e.name, e.sha256) for e in experiments)
         return replace(seen.answer, estimate=replace(seen.answer.estimate, data=data))
 
-    monkeypatch.setitem(sys.modules, "drivetool.check.full_diagnosis", types.SimpleNamespace(diagnose=diagnose))
+    monkeypatch.setattr("drivetool.check.diagnose", diagnose)
     return seen
 
 
@@ -315,8 +315,7 @@ def test_validate_says_when_to_diagnose(folder, call, monkeypatch):
     def validate(experiments, models, options, **_):
         return validation.Validation((), "passed", (finding,) if options.seed == 1 else ())
 
-    monkeypatch.setitem(
-        sys.modules, "drivetool.check.validation.free_run_validation", types.SimpleNamespace(validate=validate))
+    monkeypatch.setattr("drivetool.check.validation.validate", validate)
     words = ["validate", "a.parquet", "-p", "base.yaml", "-o", "v.yaml"]
     hint = "run diagnose: drivetool diagnose a.parquet --params base.yaml\n"
     assert hint in call(*words)[2] and hint not in call(*words, "--seed", 2)[2]

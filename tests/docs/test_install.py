@@ -25,7 +25,7 @@ def test_nothing_installs_it_by_name():
     found = [f"{path.relative_to(ROOT)}:{i}: {line.strip()}" for path in files()
              for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) if BY_NAME.search(line)]
     assert not found
-    assert {"README.md", "github.yml", "site.mk", "site.smk", "cluster.py"} <= {path.name for path in files()}
+    assert {"README.md", "github.yml", "site.mk", "site.smk", "dask_cluster.py"} <= {path.name for path in files()}
 
 
 @pytest.mark.parametrize(("line", "is_one"), [

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.hidden import case as hidden_case
-from tests.hidden import profiles
+from tests.hidden import case as hidden_case, profiles
 from tests.hidden.case import make_case
 from tests.hidden.start import greybox_options, write_start
 

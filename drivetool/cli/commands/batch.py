@@ -46,7 +46,7 @@ Markdown = Annotated[str | None, typer.Option(
 
 
 def command(
-    context: typer.Context, given: Given, recipe: Recipe = None, map: cli.Map = None, out: Out = None,
+    typer_context: typer.Context, given: Given, recipe: Recipe = None, map: cli.Map = None, out: Out = None,
     workers: Workers = None, scheduler: Scheduler = None, time_limit: TimeLimit = MINUTES_15,
     memory_limit: MemoryLimit = None, explain: Explain = False, verify: Verify = False, retry: Retry = False,
     junit: Junit = None, markdown: Markdown = None, debug: cli.Debug = False, quiet: cli.Quiet = False,
@@ -58,6 +58,6 @@ def command(
     def work() -> int:
         from drivetool.site import run
 
-        return DONE if run(asked, context.obj) else MISSED
+        return DONE if run(asked, typer_context.obj) else MISSED
 
     guarded("batch", work, debug, quiet)
