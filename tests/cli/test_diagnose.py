@@ -313,7 +313,8 @@ def test_validate_says_when_to_diagnose(folder, call, monkeypatch):
     finding = Finding("warning", "residual-depends-on-input", "It does.")
 
     def validate(experiments, models, options, **_):
-        return validation.Validation((), "passed", (finding,) if options.seed == 1 else ())
+        lacks = options.seed == 1
+        return validation.Validation((), "passed", (finding,) if lacks else (), unexplained=lacks)
 
     monkeypatch.setattr("drivetool.check.validation.validate", validate)
     words = ["validate", "a.parquet", "-p", "base.yaml", "-o", "v.yaml"]
