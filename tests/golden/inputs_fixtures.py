@@ -60,7 +60,7 @@ CHAINS: dict[str, dict[str, list[str]]] = {
             f"greybox steps.parquet -p steady.yaml -p blackbox.yaml -o greybox.yaml {SHORT}",
             f"backlash gap.parquet -p greybox.yaml -o backlash.yaml {SHORT}",
             "validate gap_holdout.parquet -p backlash.yaml -o validate.yaml --segment 1 --plot p1",
-            "tune -p backlash.yaml --converter 500 --configuration miso --configuration siso -o gains.yaml",
+            "tune -p backlash.yaml --converter 500 --configuration siso -o gains.yaml",
             "inspect steps.mcap -o inspect.yaml", "show backlash.yaml",
             "show inspect.yaml"]},
     "bus": {
@@ -124,7 +124,8 @@ def _looks(files: dict[str, Path]) -> list[str]:
         stem, _, ending = name.rpartition(".")
         if ending not in ("mcap", "parquet") or stem == "summary":
             continue
-        channels = f" --map {'supply_map' if stem == 'supply' else 'map'}.yaml" if "map.yaml" in files else ""
+        counted = "map.yaml" in files and stem != "speed"
+        channels = f" --map {'supply_map' if stem == 'supply' else 'map'}.yaml" if counted else ""
         found += [f"inspect {name}{channels} -o {stem}.{ending}.yaml",
                   f"convert {name}{channels} -o {stem}.{ending}.parquet"]
     return found

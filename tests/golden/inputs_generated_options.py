@@ -16,16 +16,18 @@ STEPS = ("despike", "'lowpass cutoff=100'", "detrend", "'decimate factor=2'", "'
 OPTIONS: dict[str, tuple] = {
     **{f"blackbox-{name}": ("", 2, [f"{BLACK} --drive two-mass --structure {name} -o fit.yaml --plot p1", SHOW])
        for name in ("oe", "bj", "arx", "armax", "innovations")},
-    **{f"blackbox-{name}": ("", 2, [f"{BLACK} {START} --criterion {name} -o fit.yaml", SHOW])
-       for name in ("innovations-fit", "simulation", "frequency")},
+    **{f"blackbox-{name}": ("", 2, [f"{BLACK} {START} {words} -o fit.yaml", SHOW]) for name, words in {
+        "innovations-fit": "--criterion innovations", "simulation": "--criterion simulation",
+        "frequency": "--criterion frequency --structure oe"}.items()},
     "blackbox-three": ("", 3, [f"{BLACK} --drive three-mass --structure oe --order 5 -o fit.yaml", SHOW]),
     "blackbox-one": ("", 1, [f"{BLACK} --drive one-body --structure arx --order 1 --json", f"{BLACK} -o two.yaml"]),
     "blackbox-options": ("", 2, [
         f"{BLACK} {START} --structure bj --order 3 --noise-order 1 --seed 2 --starts 2 -o fit.yaml --strict",
-        f"{BLACK} {START} --criterion frequency --weighting coherence --band 2 100 -q --debug --json",
-        f"{BLACK} {START} --criterion frequency --weighting variance --band 2 100 -o variance.yaml",
-        f"{BLACK} {START} --criterion simulation --segment 1 --hold total.viscous --set load.inertia=1 "
-        "--free total.idle_torque --condition 'keep from=0.5 to=2.5' -o held.yaml", SHOW]),
+        f"{BLACK} {START} --structure oe --criterion frequency --weighting coherence --band 2 100 -q --json "
+        "--debug",
+        f"{BLACK} {START} --structure oe --criterion frequency --weighting variance --band 2 100 -o variance.yaml",
+        f"{BLACK} {START} --criterion simulation --segment 1 --hold total.idle_torque --set load.inertia=1 "
+        "--free total.viscous --condition 'keep from=0.5 to=2.5' -o held.yaml", SHOW]),
     "greybox-options": ("coulomb-motor", 2, [
         f"{GREY} --criterion simulation --segment 1 --starts 2 --seed 5 --hold shaft.damping "
         "--free motor.coulomb --set 'motor.inertia=1 kg m^2' --strict -q",
@@ -44,8 +46,9 @@ OPTIONS: dict[str, tuple] = {
     "greybox-constant": ("", 1, [
         f"greybox record1.parquet {START} -m map.yaml --set 'motor.torque_constant=350 mNm/A' -o fit.yaml",
         "inspect record1.parquet -m map.yaml -q --strict --debug"]),
-    "greybox-three-mass": ("third-mass", 2, [f"greybox record1.parquet --drive three-mass {START} "
-                                             "-o fit.yaml"]),
+    "greybox-three-mass": ("third-mass", 2, [
+        "greybox record1.parquet --drive three-mass --set motor.inertia=1 --set gear.inertia=1 "
+        "--set arm.inertia=0.5 --set shaft.stiffness=5000 --set shaft2.stiffness=20000 -o fit.yaml", SHOW]),
     **{f"condition-{i}": ("", 2, [f"{GREY} --condition {word}"]) for i, word in enumerate(STEPS)},
     "condition-differentiate": ("", 2, [f"{GREY} --condition differentiate"], {"sensors": ("motor_angle",)}),
     "condition-integrate": ("", 2, [f"{GREY} --condition integrate"]),
@@ -62,8 +65,9 @@ OPTIONS: dict[str, tuple] = {
         "--seed 2 --starts 1 --criterion auto --condition 'keep from=0 to=2' -q --json",
         f"steady record1.parquet {START} --method acceleration -o acceleration.yaml",
         "steady record1.parquet --drive one-body --method coast-down --debug -o down.yaml",
-        *(f"steady record1.parquet {START} --criterion {name} --segment 1 --record record1.parquet "
-          f"start=free -o {name}.yaml" for name in ("innovations", "simulation", "inverse"))],
+        f"steady record1.parquet {START} --record record1.parquet start=free",
+        *(f"steady record1.parquet {START} --criterion {name} --segment 1 -o {name}.yaml"
+          for name in ("innovations", "simulation", "inverse"))],
         {"record": "cruise", "records": 2}),
     "steady-moves": ("", 2, ["steady record1.parquet -o steady.yaml --drive two-mass"], {"record": "moves"}),
     **{f"spectra-{name}": ("", 2, [f"spectra record1.parquet --estimator {name} --length 0.5 -o s.yaml "
@@ -106,4 +110,5 @@ OPTIONS: dict[str, tuple] = {
     "damaged": ("", 2, [line for name in ("gap", "lost", "jitter", "short", "cut") for line in (
         f"inspect {name}.parquet -o {name}.inspect.yaml",
         f"greybox {name}.parquet {START} -o {name}.yaml")]),
+    "parts-beside-totals": ("", 2, [f"{GREY} --free motor.viscous --free load.viscous", SHOW]),
 }

@@ -29,7 +29,7 @@ DAMPER = b"schema: drivetool/parameters/1\ndrive: {name: two-mass, torque_unit: 
          b"   shaft.damping: 4000.0, shaft.half_gap: 1.2e-3, shaft.hardening: 2.0, " \
          b"shaft.hardening_twist: 2.0e-3,\n   shaft.hardening_power: 1.0}\n"
 SITE = b"schema: drivetool/site/1\nrecordings:\n  - {files: 'logs/**/*.parquet', map: map.yaml}\n" \
-       b"recipe:\n  - {command: inspect}\nbars: []\n"
+       b"recipe:\n  - {command: steady --drive one-body}\nbars: []\n"
 
 
 def cases() -> list[Case]:

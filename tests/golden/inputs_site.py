@@ -15,7 +15,8 @@ recordings:
   - {files: 'logs/**/*.parquet'}
 recipe:
   - {command: steady --drive one-body}
-  - {command: validate --criterion inverse --segment 1, params: [steady], judge: next}
+  - {command: greybox --drive one-body --criterion inverse --set motor.inertia=0.1, params: [steady]}
+  - {command: validate --criterion inverse, params: [greybox], judge: next}
 bars:
   - {figure: motor.coulomb, at_most: {value: 0.32, unit: Nm}}
   - {findings: no-failure}
@@ -26,7 +27,8 @@ recordings:
   - {files: 'logs/*/0[45].parquet', kind: judge}
 recipe:
   - {kind: fit, name: each, command: steady --drive one-body}
-  - {kind: fit, name: together, command: greybox --drive one-body --criterion inverse, params: [each], joint: true}
+  - {kind: fit, name: together, params: [each], joint: true,
+     command: greybox --drive one-body --criterion inverse --set motor.inertia=0.1}
   - {kind: judge, command: validate --criterion inverse, params: [together]}
 bars:
   - {figure: motor.inertia, at_least: {value: 1, unit: kg m^2}}
