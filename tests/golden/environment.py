@@ -68,9 +68,10 @@ def pinned(lock: Path = places.LOCK) -> dict[str, str]:
 
 
 def installed() -> dict[str, str]:
-    """Distribution -> version, of this process, but for what installs them."""
+    """Distribution -> version, of this process, but for what installs them, and the tool where it is developed."""
+    apart = ("pip", "setuptools", "wheel", "drivetool")
     found = {each.metadata["Name"]: each.version for each in metadata.distributions()}
-    return {name: version for name, version in found.items() if _plain(name) not in ("pip", "setuptools", "wheel")}
+    return {name: version for name, version in found.items() if _plain(name) not in apart}
 
 
 def check_versions(wanted: dict[str, str], found: dict[str, str]) -> None:
