@@ -1,4 +1,4 @@
-"""`python -m tests.golden [BASE]`, and for what is done now and then:
+"""`python -m tests.golden [BASE [PATTERN...]]`: all cases, or those whose names match; and now and then
 
     run COMMIT [PATTERN...]     run the cases that match, with one side only
     again COMMIT [PATTERN...]   run them once more and compare both results
@@ -20,7 +20,7 @@ def main(arguments: list[str]) -> int:
         task, *rest = arguments
     else:
         # Refused at once, before anything is installed.
-        task, rest = "compare", [places.commit_of(arguments[0]) if arguments else places.base()]
+        task, rest = "compare", [places.commit_of(arguments[0]) if arguments else places.base(), *arguments[1:]]
         places.head_of_clean_tree()
     environment.enter([task, *rest] if task in TASKS else rest)
     # What follows needs the libraries of the environment.

@@ -87,9 +87,10 @@ OPTIONS: dict[str, tuple] = {
     "compare-physical": ("", 2, [
         f"compare {TWO} {START} --structure physical --structure physical-innovations --json -q"], MORE),
     "compare-options": ("", 1, [
-        f"compare {TWO} {START} --machine A=record1.parquet --machine B=record2.parquet --order 1 "
+        f"compare {TWO} record3.parquet record4.parquet {START} --machine 'A=record[12].parquet' "
+        "--machine 'B=record[34].parquet' --order 1 "
         "--noise-order 1 --drive one-body -m map.yaml --set motor.viscous=0.1 --condition detrend --strict --debug "
-        "-o compare.yaml"], MORE),
+        "-o compare.yaml"], {"records": 4}),
     "compare-swap": ("", 2, [
         "blackbox record1.parquet --drive two-mass -o one.yaml",
         "blackbox record2.parquet --drive two-mass -o two.yaml",

@@ -17,7 +17,7 @@ from tests.golden.masks import Masks, renamed
 def main(task: str, words: Sequence[str]) -> int:
     """The exit code: 1 for a difference."""
     if task == "compare":
-        return golden(words[0])
+        return golden(words[0], words[1:])
     if task == "list":
         return listed(words)
     if not words:
@@ -26,7 +26,7 @@ def main(task: str, words: Sequence[str]) -> int:
     cases = chosen(inputs.all_cases(places.base()), patterns)
     if task == "again":
         return again(commit, cases)
-    run.run_all(cases, commit)
+    costs(cases, run.run_all(cases, commit))
     return 0
 
 
@@ -35,10 +35,10 @@ def chosen(cases: Sequence[Case], patterns: Sequence[str]) -> list[Case]:
     return [each for each in cases if not patterns or any(fnmatch.fnmatch(each.name, p) for p in patterns)]
 
 
-def golden(base: str) -> int:
+def golden(base: str, patterns: Sequence[str]) -> int:
     """BASE and the working tree."""
     commit = places.head_of_clean_tree()
-    cases = inputs.all_cases(base)
+    cases = chosen(inputs.all_cases(base), patterns)
     old, new = (run.run_all(cases, each) for each in (base, commit))
     return told(base, commit, cases, old, new)
 
@@ -63,16 +63,18 @@ def told(base: str, commit: str, cases: Sequence[Case], old: Path, new: Path) ->
     return int(bool(found.differences or found.late))
 
 
-def costs(cases: Sequence[Case], old: Path, new: Path) -> None:
+def costs(cases: Sequence[Case], *places_of_results: Path) -> None:
     """Minutes of processor time by kind, of each side."""
-    spent: Counter[tuple[str, int]] = Counter()
+    spent: Counter[tuple[str, Path]] = Counter()
     for case in cases:
-        for side, place in enumerate((old, new)):
-            spent[case.kind, side] += run.Result.read(place / f"{case.key}.zip").seconds / 60.0
+        for place in places_of_results:
+            minutes = run.Result.read(place / f"{case.key}.zip").seconds / 60.0
+            spent.update({(case.kind, place): minutes, ("all", place): minutes})
     print("minutes of processor time:")
-    for kind in dict.fromkeys(case.kind for case in cases):
-        count = sum(case.kind == kind for case in cases)
-        print(f"  {kind:10} {count:4} cases {spent[kind, 0]:7.1f} {spent[kind, 1]:7.1f}")
+    for kind in (*dict.fromkeys(case.kind for case in cases), "all"):
+        count = sum(kind in (case.kind, "all") for case in cases)
+        each = " ".join(f"{spent[kind, place]:7.1f}" for place in places_of_results)
+        print(f"  {kind:10} {count:4} cases {each}")
 
 
 def version(commit: str) -> str:
