@@ -14,16 +14,21 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "drivetool"
 PRODUCT = "drivetool"
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
 
 
 @dataclass(frozen=True)
 class Arrow:
-    """A name that a module imports from another: `inside` a function, through the `face` of its folder or not."""
+    """A name that a module imports from another.
+
+    inside  a function; typed: for types alone; face: taken from the face of the other's folder
+    """
 
     source: str
     target: str
     name: str
     inside: bool
+    typed: bool
     face: bool
     line: int
 
@@ -68,8 +73,10 @@ def arrows() -> tuple[Arrow, ...]:
 def arrows_of(source: str, path: Path) -> Iterator[Arrow]:
     """The imports of one file."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    functions = [node for node in ast.walk(tree) if isinstance(node, FUNCTIONS)]
     within = {id(node) for function in functions for node in ast.walk(function)}
+    blocks = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+    typed = {id(node) for block in blocks if ast.unparse(block.test) == "TYPE_CHECKING" for node in ast.walk(block)}
     for node in ast.walk(tree):
         if not (isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == PRODUCT):
             continue
@@ -77,7 +84,8 @@ def arrows_of(source: str, path: Path) -> Iterator[Arrow]:
             face = face_of(node.module).get(a.name) if node.module in folders() else None
             whole = f"{node.module}.{a.name}"
             target = face or (whole if whole in modules() else node.module)
-            yield Arrow(source, target, a.name, id(node) in within, face is not None, node.lineno)
+            yield Arrow(source, target, a.name, inside=id(node) in within, typed=id(node) in typed,
+                        face=face is not None, line=node.lineno)
 
 
 def circles(graph: Mapping[str, Iterable[str]]) -> list[list[str]]:

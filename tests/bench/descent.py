@@ -2,7 +2,7 @@
 
 Unknowns: eight parameters and three start states in each of twelve segments of two seconds. A peer
 brings the simulation, with an observer gain, and its sensitivities; the Levenberg-Marquardt on
-block-arrow normal equations here is NumPy, and the continuation that of drivetool/identify/cooling.
+block-arrow normal equations here is NumPy, and the continuation that of drivetool/identify/starts/cooling.
 """
 
 from __future__ import annotations

@@ -11,9 +11,10 @@ SHOWN = ("*.md", "Makefile", "pyproject.toml", ".ci/*", "docs/**/*", "schemas/**
 TEXT = {"", ".md", ".py", ".yml", ".yaml", ".mk", ".smk", ".toml", ".json", ".txt", ".cfg", ".sh"}
 BY_NAME = re.compile(
     r"""\b(?:install|add|download|inject|upgrade|uvx|(?:pipx|tool)\s+run)\s+  # pip, pipx, uv, poetry, conda
-        (?:-\S+\s+)* ['"]? drivetool (?![\w./*-])
+        (?:-\S+\s+)* ['"]? drivetool (?![\w./*-]|'s)
+        |\b(?:pip3?|pipx|uvx?|conda|mamba|poetry)\s .* \s ['"]? drivetool (?![\w/*-]|\.\w)  # behind options
         |\bdrivetool \s* (?:\[[\w,\s-]+\]|[=~<>!]=) \s* [\w.]*  # a requirement, with or without a version
-    """, re.VERBOSE)
+    """, re.VERBOSE | re.IGNORECASE)
 
 
 def files():
@@ -32,7 +33,9 @@ def test_nothing_installs_it_by_name():
     ("pip install drivetool", True), ("python -m pip install --quiet -U drivetool", True),
     ("uv add drivetool", True), ("Install it with `pip install 'drivetool[site]'`.", True),
     ("pipx run drivetool show x.yaml", True), ("- drivetool==0.2.0", True), ("drivetool[site]>=0.2", True),
-    ("drivetool>=0.2", True),
+    ("drivetool>=0.2", True), ("Then pip install drivetool.", True), ("pip install numpy drivetool", True),
+    ("uv pip install --python 3.11 drivetool", True), ("conda install -c conda-forge drivetool", True),
+    ("pip wheel DriveTool", True),
     ("pip install .", False), ("pip install '.[site]'", False), ("pip install ./wheels/drivetool-*.whl", False),
     ("pip install drivetool-0.2.0-py3-none-any.whl", False), ("make demo installs drivetool into .venv", False)])
 def test_what_is_by_name(line, is_one):

@@ -90,7 +90,8 @@ def diagnose_by_inverse(experiments: Sequence[Experiment], drive: Drive, free: S
     drive, free  the base, fitted, and its fitted parameters; begun: values that its fit started from
     own          names NAME@RECORD of what records held out have of their own: fitted to them, all else held
     raises       BadOption: a path between torque and body, sums of friction; BadParameters; NotEnoughData
-    source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics; rules: report/rules.py
+    source       Gautier, Janot and Vandanjon 2013, cross validation of inverse dynamics; for rules
+                 check/verdict/rules.py
     """
     drive.require(drive.missing(), "a diagnosis")
     summed = [n for n in free if n in TOTALS]

@@ -25,7 +25,7 @@ from drivetool.drive.compile.code_folder import PRIVATE, folder, read_regular, w
 from drivetool.errors import DriveToolError
 from drivetool.progress import counted
 
-KERNEL = "drivetool.drive.kernel"  # where the files of the parts are
+KERNEL = "drivetool.drive.kernel"  # where the files of the parts are, and `build`, which compiles them
 
 # The parts, file and name: the first group that has a part which is needed is compiled as far as it is not whole
 # yet, what stands in one line one after the other, for it has much in common, and the lines beside one another.
@@ -85,7 +85,7 @@ def _missing(lines: Iterable[tuple[str, ...]]) -> list[list[str]]:
 def _compile(parts: list[str]) -> None:
     """Compile parts in a process of their own."""
     # From the current folder Python imports first, and Numba takes settings: it is one that holds neither.
-    done = subprocess.run([sys.executable, "-m", f"{__package__}.build", str(folder()), *parts],
+    done = subprocess.run([sys.executable, "-m", f"{KERNEL}.build", str(folder()), *parts],
                           capture_output=True, text=True, env=_environment(), cwd=folder())
     if done.returncode != 0:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

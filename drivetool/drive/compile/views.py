@@ -1,4 +1,4 @@
-"""The types of compiled code, and how it reads the named tuples of table.py."""
+"""The types of compiled code, and how it reads the named tuples of arrays/table.py."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def keeps(rows, looks, mode, reach, level, z, b, torque, observed):
 
 
 def mover(n: int) -> Callable:
-    """move(e, d, x, u, big): the columns of n states a sample later, in place; d as wide in system.py."""
+    """move(e, d, x, u, big): the columns of n states a sample later, in place; d as wide in arrays/system.py."""
     wide, narrow, width = taker(n, WIDE), taker(n, NARROW), n + 2
 
     @njit(**HOT)

@@ -62,7 +62,7 @@ NOTHING = 0.9  # of the torque's standard deviation, from which the motion expla
 
 @dataclass(frozen=True)
 class Linear:
-    """What the table of a regression asks of its problem, see `results.parameters_of`."""
+    """What the table of a regression asks of its problem, see `interval_and_status.parameters_of`."""
 
     names: tuple[str, ...]
     low: np.ndarray

@@ -34,7 +34,7 @@ from drivetool.logs import Experiment, sources
 def steady(experiments: Sequence[Experiment], drive: Drive, options: Options) -> Estimate:
     """Viscous friction, idle torque and Coulomb friction from steady intervals.
 
-    The intervals are found by the statistic of Cao & Rhinehart (steady_speeds/state.py). Each gives a point:
+    The intervals are found by the statistic of Cao & Rhinehart (plateaus/state.py). Each gives a point:
     mean torque and mean speed, with a variance from batch means. A weighted line through the points,
     T = c w + T0 + Tc sgn(w), gives the friction of the whole drive; with a shaft torque in all the
     recordings of a two-mass drive, one line per body: Tm - Ts over wm and Ts over wl.

@@ -1,7 +1,7 @@
 """What a good load-step response is: integrals of the error, all in closed form.
 
 In modal coordinates the Lyapunov equation is diagonal, so integrals of squares are double sums over
-the modes; the absolute value is integrated lobe by lobe (response.py).
+the modes; the absolute value is integrated lobe by lobe (speed_loop/response.py).
 """
 
 from __future__ import annotations

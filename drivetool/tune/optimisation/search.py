@@ -1,7 +1,7 @@
 """The best settings under a limit of the sensitivity, found globally and the same every time.
 
 The surface of |error| integrals has kinks where a lobe appears, and the limit is a boundary with
-corners. So: for every integral time the allowed gains are known as intervals (sensitivity.py); a
+corners. So: for every integral time the allowed gains are known as intervals (speed_loop/sensitivity.py); a
 grid over them finds the basins; inside a basin the gain is a position between the two ends of its
 interval, so that the polish runs along the boundary as easily as away from it.
 """

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from llvmlite import binding as llvm
 
-from drivetool.drive.compile.machine_code import KERNEL, store, symbol
-from drivetool.drive.compile.numba_private import leave_to_the_end
+from drivetool.drive.compile import leave_to_the_end, store, symbol
 
 # What Numba's wrapper calls to hand on an exception. The kernel raises none, and where its code is loaded
 # there need be no Numba: to get there is to stop.
@@ -21,7 +20,7 @@ FOREIGN = re.compile(r"^declare ([^@\n]*@(?:numba_|NRT_|Py)\w+\([^\n]*?\))[^)\n]
 def build(part: str, folder: Path) -> None:
     """Write the object file of a part."""
     file, name = part.split(".")
-    made = getattr(importlib.import_module(f"{KERNEL}.{file}"), name).made()
+    made = getattr(importlib.import_module(f"{__package__}.{file}"), name).made()
     code = made.inspect_llvm().replace(made.native_name, symbol(name))
     code = FOREIGN.sub(r"define internal \1 {\n  call void @llvm.trap()\n  unreachable\n}", code)
     if "declare void @llvm.trap()" not in code:
