@@ -1,7 +1,9 @@
 """The comparison finds what it must, on stored toy results; what cannot be compared is said in one sentence."""
 
 import io
+import platform
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from tests.golden import compare, environment, masks, places, tasks
+from tests.golden import compare, environment, masks, places, surroundings, tasks
 from tests.golden.case import Case
 from tests.golden.run import Result, Step, run, run_all
 
@@ -160,6 +162,24 @@ def test_a_case_that_has_a_result_is_not_run_again(tmp_path, monkeypatch):
     assert run_all([case], "0" * 40) == place and Result.read(place / f"{case.key}.zip") == before
     run_all([case], "0" * 40, again=True)
     assert Result.read(place / f"{case.key}.zip").contents != before.contents
+
+
+@pytest.mark.parametrize(("name", "other"), [("FIXED", {"TZ": "CET"}), ("WRAPPER", "#!/bin/sh\n"),
+                                             ("processor", lambda: "another")])
+def test_results_are_kept_by_environment_and_processor(monkeypatch, name, other):
+    before = places.results("0" * 40)
+    assert places.results("0" * 40) == before
+    monkeypatch.setattr(f"tests.golden.surroundings.{name}", other)
+    assert places.results("0" * 40) != before
+
+
+def test_the_processor_has_a_name_without_numba(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "llvmlite.binding", None)
+    monkeypatch.setattr(surroundings, "CPUINFO", tmp_path / "cpuinfo")
+    surroundings.CPUINFO.write_text("processor : 0\nmodel name\t: A 9000: fast\n")
+    assert surroundings.processor().endswith(" A 9000: fast")
+    surroundings.CPUINFO.unlink()
+    assert surroundings.processor().startswith(platform.machine())
 
 
 @pytest.fixture
