@@ -59,7 +59,8 @@ def compared(new, tmp_path, old=None, known=None):
     for side, each in (("old", old or result()), ("new", new)):
         each.write(tmp_path / side / f"{CASE.key}.zip")
     found = compare.compare([CASE], tmp_path / "old", tmp_path / "new", known or masks.Masks())
-    assert (found.cases, found.commands, found.files) == (1, 1, len((old or result()).steps[0].files))
+    files = {path for each in (old or result(), new) for path in each.steps[0].files}
+    assert (found.cases, found.commands, found.files) == (1, 1, len(files))
     return [(each.what, " ".join(each.lines)) for each in found.differences]
 
 
@@ -162,6 +163,21 @@ def test_a_case_that_has_a_result_is_not_run_again(tmp_path, monkeypatch):
     assert run_all([case], "0" * 40) == place and Result.read(place / f"{case.key}.zip") == before
     run_all([case], "0" * 40, again=True)
     assert Result.read(place / f"{case.key}.zip").contents != before.contents
+
+
+@pytest.mark.parametrize("command", ["sleep 60", "kill -9 $$", "bash -c 'kill -9 $$'; exit $?"])
+def test_a_case_that_was_stopped_is_not_kept_and_is_a_difference(tmp_path, monkeypatch, command):
+    variables = {"PATH": "/usr/bin:/bin", "TMPDIR": str(tmp_path / "tmp")}
+    monkeypatch.setattr(environment, "variables", lambda _: variables)
+    monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
+    monkeypatch.setattr("tests.golden.run.LIMIT", 0.3)
+    case = replace(CASE, commands=(command,))
+    for place in (tmp_path / "old", tmp_path / "new"):
+        result().write(place / f"{case.key}.zip")
+    place = run_all([case], "0" * 40, again=True, place=tmp_path / "new")
+    assert not list(place.glob("*.zip"))
+    (found,) = compare.compare([case], tmp_path / "old", place, masks.Masks()).differences
+    assert "no result\n    a command did not end by itself now; the case is run again" in str(found)
 
 
 @pytest.mark.parametrize(("name", "other"), [("FIXED", {"TZ": "CET"}), ("WRAPPER", "#!/bin/sh\n"),
