@@ -217,6 +217,45 @@ def test_a_rename_that_was_not_carried_out_is_found(tmp_path):
     assert compared(result(done), tmp_path, result(files), known) == []
 
 
+@pytest.fixture
+def toys(tmp_path, monkeypatch):
+    """Two toy results and two toy trees, and how to tell what differs of them."""
+    monkeypatch.setenv("DRIVETOOL_GOLDEN", str(tmp_path))
+    monkeypatch.setattr(environment, "tree", lambda commit: tmp_path / "trees" / commit)
+    monkeypatch.setattr(tasks, "version", lambda _: "0.2.0")
+
+    def told(new=None, schema='{"title": "A fit"}'):
+        for commit, each, text in (("old", result(), '{"title": "A fit"}'), ("new", new or result(), schema)):
+            each.write(tmp_path / commit / f"{CASE.key}.zip")
+            place = tmp_path / "trees" / commit / "schemas" / "fit.json"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(text)
+        return tasks.told("old", "new", [CASE], tmp_path / "old", tmp_path / "new")
+
+    return told
+
+
+def test_what_differs_in_a_result_or_a_schema_is_told_and_gives_exit_code_1(toys, tmp_path, capsys):
+    assert toys() == 0
+    said = capsys.readouterr().out
+    assert "1 cases, 1 commands, 6 files, 1 schemas; 0 differences" in said
+    assert toys(changed("fit.yaml", b"0.5929252636", b"0.7")) == 1
+    said = capsys.readouterr().out
+    assert "toy: drivetool greybox\n  fit.yaml\n    .parameters.motor.inertia.value: 0.5929252636 before" in said
+    assert "1 differences" in said
+    assert toys(schema='{"title": "Another"}') == 1
+    said = capsys.readouterr().out
+    assert "schemas: fit.json\n  content\n    .title: A fit before, Another now" in said and "1 differences" in said
+    assert (tmp_path / "report.txt").read_text() in said
+
+
+def test_a_schema_that_one_tree_lacks_is_told(toys, tmp_path, capsys):
+    toys()
+    (tmp_path / "trees" / "new" / "schemas" / "more.json").write_text("{}")
+    assert toys() == 1
+    assert "schemas: more.json\n  file\n    missing before" in capsys.readouterr().out
+
+
 def test_version_hashes_and_renamed_codes_are_masked_and_counted(tmp_path):
     sides = []
     for record, code, version in ((b"one", b"gap-seen", b"0.2.0"), (b"two", b"backlash-is-seen", b"0.3.0")):
