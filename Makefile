@@ -62,7 +62,8 @@ bench: $(VENV)/ready
 fuzz: $(VENV)/ready
 	$(BIN)/python -m pytest -m fuzz
 
-# What a user gets from the working tree against BASE, on the same inputs; half an hour on two cores, BASE once more.
+# What a user gets from the working tree against BASE, on the same inputs: about 20 minutes on two free cores, BASE
+# once more; at most an hour.
 golden:
 	$(PYTHON) -m tests.golden $(BASE)
 

@@ -6,5 +6,6 @@ results lie in build/golden, or in the folder that DRIVETOOL_GOLDEN names:
     env/        the one environment, from lock.txt
     trees/      the sources of a commit, and a `drivetool` that runs them
     inputs/     files that the commands read, named by their content
-    results/    COMMIT-LOCK/CASE-HASH.zip: exit codes, standard output and all files written, of one case
+    results/    COMMIT-HASH/CASE-HASH.zip: exit codes, standard output and all files written, of one case; the
+                first hash is of the lock, the variables of the environment and the processor
 """

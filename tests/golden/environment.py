@@ -13,12 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from tests.golden import places
-
-# A terminal without colours, a fixed clock and language, and one thread for the sums of BLAS.
-FIXED = {"COLUMNS": "80", "LINES": "50", "TERM": "dumb", "NO_COLOR": "1", "TZ": "UTC", "LANG": "C.UTF-8",
-         "LC_ALL": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0",
-         "MPLBACKEND": "agg"}
-WRAPPER = '#!/bin/sh\nexec "{python}" -P -m drivetool "$@"\n'
+from tests.golden.surroundings import FIXED, WRAPPER
 
 
 def python() -> Path:

@@ -1,7 +1,7 @@
 """What may differ between BASE and the working tree, and is then made equal before texts are compared.
 
 A mask turns a text of BASE into the one that is expected now. Nothing else is forgiven but how numbers inside
-sentences are written.
+sentences are written, and where the lines of a paragraph break that holds a masked text or such a number.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tests.golden import places
@@ -19,9 +19,11 @@ from tests.golden import places
 HASH = re.compile(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])")
 # Not part of a longer number, name or code.
 LEFT, RIGHT = r"(?<![\w.-])", r"(?![\w-]|\.\d)"
-NUMBER = re.compile(r"(?<![\w.])([-+−]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?!\w)")
 # What a run costs: columns of a summary, fields of a line of the manifest.
 COSTS = ("seconds", "peak_memory_mb")
+WHOLE = re.compile(r"\d+")
+REAL = re.compile(r"\d+\.\d+(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+")
+FIELD = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(,|\r\n|\n|\r|\Z)')
 
 
 @dataclass
@@ -48,6 +50,15 @@ class Masks:
         if self.hashes:
             text = HASH.sub(self._hash, text)
         return text
+
+    @property
+    def idle(self) -> bool:
+        """Whether no text of BASE can be changed."""
+        return self.version[0] == self.version[1] and not self.renamed and not self.hashes
+
+    def uncounted(self) -> Masks:
+        """The same, for texts that were counted before."""
+        return replace(self, used=Counter())
 
     def _replaced(self, text: str, old: str, new: str, name: str) -> str:
         """With one text in the place of another; a sentence may be broken into lines anywhere."""
@@ -81,36 +92,59 @@ def renamed(path: Path = places.RENAMED) -> dict[str, str]:
     return {row["old"]: row["new"] for row in sorted(rows, key=lambda row: -len(row["old"]))}
 
 
-def same_sentence(old: str, new: str) -> bool:
-    """Whether two texts are equal but for how their numbers are written."""
-    if old == new:
-        return True
-    parts = NUMBER.split(old), NUMBER.split(new)
-    return len(parts[0]) == len(parts[1]) and all(
-        left == right or (i % 2 == 1 and _value(left) == _value(right))
-        for i, (left, right) in enumerate(zip(*parts, strict=True)))
-
-
-def _value(number: str) -> float:
-    return float(number.replace("−", "-"))
-
-
 def without_costs(name: str, text: str, masks: Masks) -> str:
-    """A summary as CSV without its costs, a manifest without them and in the order of its lines."""
-    if name.endswith("summary.csv"):
-        rows = list(csv.reader(text.splitlines()))
-        kept = [i for i, column in enumerate(rows[0]) if column not in COSTS] if rows else []
-        masks.used["cost"] += bool(rows) and len(kept) < len(rows[0])
-        return "".join(",".join(json.dumps(row[i]) for i in kept) + "\n" for row in rows)
-    if name.endswith("manifest.jsonl"):
-        lines = [json.loads(line) for line in text.splitlines()]
-        masks.used["order"] += 1
-        return "".join(sorted(json.dumps(_costless(line)) + "\n" for line in lines))
+    """A summary or a manifest with a token in the place of each cost, a manifest in the order of its lines, too."""
+    known, place = text, Path(name).name
+    if place == "summary.csv":
+        text = _summary(text)
+    if place == "manifest.jsonl":
+        first, *lines = [_entry(line) for line in re.findall(r"[^\n]*\n|[^\n]+", text)] or [""]
+        masks.used["order"] += lines != sorted(lines)
+        masks.used["cost"] += "".join([first, *lines]) != known
+        return "".join([first, *sorted(lines)])
+    masks.used["cost"] += text != known
     return text
 
 
-def _costless(line: object) -> object:
-    """A line of the manifest without its costs."""
-    if isinstance(line, dict):
-        return {name: _costless(value) for name, value in line.items() if name not in COSTS}
-    return line
+def _token(value: str) -> str:
+    """What stands for a cost: its type; the text itself, if it is no number without a sign."""
+    return "<whole>" if WHOLE.fullmatch(value) else "<real>" if REAL.fullmatch(value) else value
+
+
+def _summary(text: str) -> str:
+    """A table as CSV with tokens; quotes, ends of lines and all other fields as they are."""
+    found, header, row, column = [], [], 0, 0
+    for value, end in FIELD.findall(text):
+        if row == 0:
+            header.append(value)
+        elif column < len(header) and header[column] in COSTS:
+            bare = value[1:-1] if value[:1] == '"' else value
+            value = value.replace(bare, _token(bare)) if bare else value
+        found += [value, end]
+        row, column = (row, column + 1) if end == "," else (row + 1, 0)
+    return "".join(found)
+
+
+def _entry(line: str) -> str:
+    """A line of the manifest with tokens at its own keys; what is no object stays."""
+    try:
+        if not isinstance(json.loads(line), dict):
+            return line
+    except ValueError:
+        return line
+    decoder, found, done = json.JSONDecoder(), [], 0
+    at = _between(line, line.index("{") + 1)
+    while line[at] != "}":
+        key, at = decoder.raw_decode(line, at)
+        begun = _between(line, at)
+        _, at = decoder.raw_decode(line, begun)
+        if key in COSTS:
+            found += [line[done:begun], _token(line[begun:at])]
+            done = at
+        at = _between(line, at)
+    return "".join([*found, line[done:]])
+
+
+def _between(line: str, at: int) -> int:
+    """Where the next key or value begins."""
+    return at + len(line[at:]) - len(line[at:].lstrip(" \t\r\n,:"))

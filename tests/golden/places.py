@@ -7,6 +7,8 @@ import os
 import subprocess
 from pathlib import Path
 
+from tests.golden import surroundings
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 LOCK, BASE, RENAMED = HERE / "lock.txt", HERE / "BASE", HERE / "renamed.csv"
@@ -22,14 +24,14 @@ def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def lock_hash(lock: Path = LOCK) -> str:
-    """The name of the environment."""
-    return digest(lock.read_bytes())[:12]
+def environment_hash(lock: Path = LOCK) -> str:
+    """The name of the environment: its libraries, its variables, the processor."""
+    return digest(lock.read_bytes() + surroundings.described())[:12]
 
 
 def results(commit: str) -> Path:
-    """The results of a commit in the environment of the lock."""
-    return folder() / "results" / f"{commit[:12]}-{lock_hash()}"
+    """The results of a commit in this environment."""
+    return folder() / "results" / f"{commit[:12]}-{environment_hash()}"
 
 
 def git(*words: str, root: Path = ROOT) -> str | None:

@@ -21,14 +21,14 @@ from tests.golden.case import Case, stored
 
 LIMIT = 900.0  # s of one command: far above what any takes on a busy machine
 WORKERS = 2
-LATE = 124
+LATE, KILLED = 124, 128
 
 
 @dataclass(frozen=True)
 class Step:
     """What one command gave.
 
-    exit      code; 124 where it was stopped at the time limit
+    exit      code; 124 where it was stopped at the time limit, below 0 or above 128 where a signal ended it
     stdout    name of the content of standard output
     files     path -> name of the content, of those that it wrote or changed
     gone      paths that were there before
@@ -55,6 +55,11 @@ class Result:
         """Of processor time."""
         return sum(step.seconds for step in self.steps)
 
+    @property
+    def finished(self) -> bool:
+        """Whether nothing from outside ended a command: what is left of it would not come again."""
+        return all(0 <= step.exit <= KILLED and step.exit != LATE for step in self.steps)
+
     def write(self, path: Path) -> None:
         """One file, complete or not there."""
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -66,15 +71,17 @@ class Result:
         part.rename(path)
 
     @classmethod
-    def read(cls, path: Path) -> Result:
-        """What `write` wrote."""
+    def read(cls, path: Path) -> Result | None:
+        """What `write` wrote; None for what did not finish."""
+        if not path.exists():
+            return None
         with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
             steps = tuple(Step(**each) for each in json.loads(archive.read("steps.json")))
             return cls(steps, {name: archive.read(name) for name in archive.namelist() if name != "steps.json"})
 
 
 def run_all(cases: Sequence[Case], commit: str, again: bool = False, place: Path | None = None) -> Path:
-    """Run what has no result yet; returns the folder of the results.
+    """Run what has no result yet; returns the folder of the results. What did not finish gets none.
 
     again  run what has a result, too
     place  another folder of the results
@@ -89,7 +96,8 @@ def run_all(cases: Sequence[Case], commit: str, again: bool = False, place: Path
             case, result = done.result()
             left -= 1
             print(f"{time.monotonic() - began:7.0f} s  {result.seconds:6.1f} s CPU  {case.name}  "
-                  f"exits {' '.join(str(step.exit) for step in result.steps)}  ({left} left)", flush=True)
+                  f"exits {' '.join(str(step.exit) for step in result.steps)}"
+                  f"{'' if result.finished else ', not finished, not kept'}  ({left} left)", flush=True)
     finally:
         pool.shutdown(cancel_futures=True)
     return place
@@ -109,7 +117,11 @@ def _kept(case: Case, variables: Mapping[str, str], place: Path) -> tuple[Case, 
         result = run(case, work, variables)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    result.write(place / f"{case.key}.zip")
+    kept = place / f"{case.key}.zip"
+    if result.finished:
+        result.write(kept)
+    else:
+        kept.unlink(missing_ok=True)
     return case, result
 
 
