@@ -1,7 +1,6 @@
 """What all tests share: the kernel compiled before the first, the command line as a fixture, the slowest named."""
 
 import os
-from pathlib import Path
 
 import hypothesis
 import pytest
@@ -32,23 +31,6 @@ def pytest_sessionstart(session):
     from drivetool.drive.compile import machine_code
 
     machine_code.prepare(KERNEL)
-
-
-@pytest.hookimpl(tryfirst=True)  # before -m leaves tests out
-def pytest_collection_modifyitems(config, items):
-    """Give tests that the slow tier has no time for the mark of the long one.
-
-    They stand in long.txt, each with its processor time [s]: repeats of what another test asks on another machine.
-    """
-    listed = {line.split(maxsplit=1)[1] for line in (Path(__file__).parent / "long.txt").read_text().splitlines()}
-    there = {item.nodeid for item in items}
-    files = {name.partition("::")[0] for name in there}
-    gone = {name for name in listed - there if name.partition("::")[0] in files}
-    if gone and not any("::" in word for word in config.args):
-        raise pytest.UsageError(f"tests/long.txt names tests that are not there: {', '.join(sorted(gone))}")
-    for item in items:
-        if item.nodeid in listed:
-            item.add_marker("long")
 
 
 def used() -> float:
