@@ -1,4 +1,4 @@
-"""Names of modules in strings, settings and pages lead to something: a file that moves takes them along."""
+"""Names of modules in imports, strings, comments, settings and pages lead to something: files take them along."""
 
 import ast
 import re
@@ -6,6 +6,8 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from token import COMMENT
+from tokenize import tokenize
 
 import pytest
 
@@ -21,7 +23,7 @@ PLACE = re.compile(r"(?<![\w./-])drivetool(?:/\w+)+\.py\b")
 
 
 def names():
-    """(file, name) of every dotted name; of Python files in string constants only."""
+    """(file, name) of every dotted name; of Python files in imports, string constants and comments."""
     return {(path.relative_to(ROOT).as_posix(), name) for path, text in texts() for name in NAME.findall(text)}
 
 
@@ -34,9 +36,13 @@ def texts():
 def read():
     for pattern in CODE:
         for path in sorted({*ROOT.glob(pattern)} - {HERE}):
-            tree = ast.parse(path.read_text(encoding="utf-8"))
-            yield from ((path, node.value) for node in ast.walk(tree)
+            nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+            yield from ((path, node.value) for node in nodes
                         if isinstance(node, ast.Constant) and isinstance(node.value, str))
+            yield from ((path, f"{node.module}.{a.name}") for node in nodes
+                        if isinstance(node, ast.ImportFrom) and node.module for a in node.names)
+            with path.open("rb") as source:
+                yield from ((path, token.string) for token in tokenize(source.readline) if token.type == COMMENT)
     for pattern in TEXTS:
         yield from ((path, path.read_text(encoding="utf-8")) for path in ROOT.glob(pattern) if path.is_file())
 
