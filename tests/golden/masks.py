@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 from tests.golden import places
@@ -21,6 +22,9 @@ HASH = re.compile(r"(?<![0-9a-f])[0-9a-f]{64}(?![0-9a-f])")
 LEFT, RIGHT = r"(?<![\w.-])", r"(?![\w-]|\.\d)"
 # What a run costs: columns of a summary, fields of a line of the manifest.
 COSTS = ("seconds", "peak_memory_mb")
+# A part of a sentence that varies: one word or number, or several with a star.
+VARIABLE = re.compile(r"\{(\d)(\*?)\}")
+SPACE, ONE, SEVERAL = r"\s+", r"\S+?", r"[^:;]*?"
 WHOLE = re.compile(r"\d+")
 REAL = re.compile(r"\d+\.\d+(?:[eE][-+]?\d+)?|\d+[eE][-+]?\d+")
 FIELD = re.compile(r'("(?:[^"]|"")*"|[^,\r\n]*)(,|\r\n|\n|\r|\Z)')
@@ -31,7 +35,8 @@ class Masks:
     """The table of masks.
 
     version  (of BASE, of the working tree)
-    renamed  codes and sentences old -> new
+    renamed  codes and sentences old -> new; {1}, {2} ... stand for a word or a number, {1*} for several within a
+             sentence, the same on both sides
     hashes   of an earlier file of the same case, of BASE -> of the working tree
     used     how often each took effect
     """
@@ -62,8 +67,10 @@ class Masks:
 
     def _replaced(self, text: str, old: str, new: str, name: str) -> str:
         """With one text in the place of another; a sentence may be broken into lines anywhere."""
-        words = r"\s+".join(re.escape(word) for word in old.split())
-        found, count = re.subn(f"{LEFT}{words}{RIGHT}", lambda _: new, text)
+        pattern, literal = _pattern(old)
+        if literal not in text:
+            return text
+        found, count = pattern.subn(lambda at: VARIABLE.sub(lambda part: at[f"part_{part[1]}"], new), text)
         self.used[name] += count
         return found
 
@@ -83,6 +90,23 @@ class Masks:
                  f"{'order of the lines of manifest.jsonl':60} {self.used['order']}"]
         return lines + [f"{f'renamed: {old} -> {new}':60} {self.used[f'renamed: {old} -> {new}']}"
                         for old, new in self.renamed.items()]
+
+
+@cache
+def _pattern(old: str) -> tuple[re.Pattern[str], str]:
+    """(what finds a text in any layout, with groups for its variable parts; its longest word, which must be there)."""
+    words = old.split()
+    literal = max((word for word in words if not VARIABLE.search(word)), key=len, default="")
+    return re.compile(f"{LEFT}{SPACE.join(map(_word, words))}{RIGHT}"), literal
+
+
+def _word(word: str) -> str:
+    """The pattern of a word, with a group for each variable part."""
+    pattern, last = "", 0
+    for at in VARIABLE.finditer(word):
+        pattern += re.escape(word[last:at.start()]) + f"(?P<part_{at[1]}>{SEVERAL if at[2] else ONE})"
+        last = at.end()
+    return pattern + re.escape(word[last:])
 
 
 def renamed(path: Path = places.RENAMED) -> dict[str, str]:

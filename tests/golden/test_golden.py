@@ -275,6 +275,13 @@ def test_a_renamed_code_is_no_part_of_a_longer_one():
     assert masks.Masks(renamed={"The gap\nis wide.": "It is wide."}).apply("The gap\n  is wide.") == "It is wide."
 
 
+def test_the_variable_parts_of_a_renamed_sentence_stay_as_they_are():
+    known = masks.Masks(renamed={"{1} is told by {2*} of 7": "{2*} of 7 identify {1}", "no {1}": "not one {1}"})
+    assert known.apply("tip.inertia is\n  told by 3.5 s and\nmore of 7.") == "3.5 s and\nmore of 7 identify tip.inertia."
+    assert known.apply("no 0.7, no-one") == "not one 0.7, no-one"
+    assert known.apply("motor.inertia is told") == "motor.inertia is told"
+
+
 def test_a_case_runs_and_keeps_what_each_command_gave(tmp_path):
     commands = ("echo 1 >a; echo 2 >b; echo out; false", "echo $?; rm a; echo 3 >b")
     found = run(replace(CASE, commands=commands), tmp_path, {"PATH": "/usr/bin:/bin"})
