@@ -3,31 +3,18 @@
 from drivetool.finding_codes.code import FAILURE, NOTE, WARNING, Code
 
 CODES = {
-    "base-fitted-to-other-data": Code(
+    "biased-base": Code(
         WARNING,
-        "The base of a diagnosis was fitted to other recordings. A difference between the recordings, as in "
-        "temperature or load, may be taken for a cause.",
-        "Fit the base to these recordings with `greybox`."),
-    "base-fitted-to-the-torque": Code(
+        "The base of a diagnosis may be biased, and the bias be taken for a cause. It was fitted to other "
+        "recordings, by `--criterion inverse` where the motion was imposed, or with a torque that is logged a "
+        "sample late or early.",
+        "Fit the base to these recordings with `greybox`, by a simulation, with the stated `shift` in the channel "
+        "map; or run `diagnose --criterion inverse`."),
+    "coast-down-not-explained": Code(
         WARNING,
-        "The base of a diagnosis by simulation was fitted by `--criterion inverse`. Where the motion was imposed, "
-        "the torque is its answer, and a simulation takes it for the cause.",
-        "Run `diagnose --criterion inverse`, or fit the base by a simulation."),
-    "base-with-shifted-torque": Code(
-        WARNING,
-        "The fit that the diagnosis starts from says that the torque is logged a sample late or early. A diagnosis "
-        "takes that for a cause, often for a third mass.",
-        "Write the stated `shift` into the channel map, fit again, then diagnose."),
-    "body-not-told": Code(
-        NOTE,
-        "A law that was found explains the record equally well on another body: the log likelihoods differ by "
-        "less than 4. Its location is not identifiable from this record.",
-        "Log the shaft torque too, or look at both ends of the drive."),
-    "correlation-above-limit": Code(
-        FAILURE,
-        "The cross-correlation of the residual with the torque exceeds the limit `--max-correlation`. The model "
-        "lacks something that depends on the input, unless the record is so short that chance explains it.",
-        "Run `diagnose`, or record longer."),
+        "The error of a simulated coast-down is larger than the counts of its encoder and the uncertainty of the "
+        "model explain. The friction of this drive has changed, or follows another law.",
+        "Fit this record too with `steady --method coast-down`, alone and together with the first."),
     "diagnosis-named": Code(
         NOTE,
         "The diagnosis identifies one or more causes: effects that the model lacks, or faults of the record. They "
@@ -41,12 +28,13 @@ CODES = {
         WARNING,
         "Several causes explain the record equally well, or a cause helps but leaves doubt that an effect outside "
         "the catalogue is at work.",
-        "Do the stated experiment, which tells the causes apart."),
+        "Do the stated experiment, which distinguishes the causes."),
     "diagnosis-unexplained": Code(
         WARNING,
         "The model lacks something, but no effect of the catalogue explains the residual.",
-        "Do the stated experiment; look at the pictures of the residual.", says="doubt"),
-    "encoder-steps": Code(
+        "Do the stated experiment; look at the pictures of the residual.",
+        says="doubt"),
+    "encoder-quantisation": Code(
         NOTE,
         "The quantisation of an encoder makes up at least a tenth of the noise variance of an angle. The motion "
         "covers many steps between samples, so it acts as white noise.",
@@ -54,56 +42,54 @@ CODES = {
     "explains-nothing": Code(
         FAILURE,
         "The simulation of the whole record fits worse than the mean of the measured signal. The model is wrong, "
-        "or noise has led a long free run away from the record. From `greybox`: free runs of one second err as "
-        "much as straight lines of the speed, whatever was fitted. Or they err more than half as much over parts "
-        "that were held out. Then no intervals are given.",
-        "Run `diagnose`, or validate by shorter free runs with `--segment`. After `greybox`, check channels, units "
-        "and signs."),
-    "fit-below-minimum": Code(
-        FAILURE,
-        "The fit of the simulated output is below the limit `--min-fit`.",
-        "Look at the pictures of `--plot`, then run `diagnose`."),
-    "held-out-own-values": Code(
-        NOTE,
-        "A diagnosis by the torque that the motion asks for judged by records that have a parameter of their own "
-        "(--record FILE free=NAME): it was fitted to them, with all other values held.",
-        "Read the gain as that of a drive whose named parameter is known for each record."),
-    "held-out-record-differs": Code(
+        "or noise has led a long free run away from the record. From `greybox`: free runs of one second have "
+        "errors as large as straight lines through the speed. Or their errors over held-out parts are more than "
+        "half as large. Then no intervals are given.",
+        "Run `diagnose`, or validate by shorter free runs with `--segment`. After `greybox`, check channels, "
+        "units and signs."),
+    "extrapolation": Code(
         WARNING,
-        "A held-out record asks for other parameter values than the records of the fit: the log likelihood rises "
-        "clearly when the stated parameters change, by more than the uncertainty of both fits brings. The machine "
-        "changed, or a law is missing.",
-        "Fit each record by itself, or hold out one that was made under the same conditions."),
-    "held-out-record-was-fitted": Code(
-        WARNING,
-        "A recording after `--holdout` was used for the fit of the base. It is not independent, and the stated "
-        "gain is biased.",
-        "Hold out a recording that no fit has used."),
-    "noise-limits-the-free-run": Code(
+        "The torque or speed of the validation record exceeds the range of the fitted records by more than a "
+        "tenth. The model extrapolates there.",
+        "Fit on a recording with this range too, if the machine works there."),
+    "free-run-noise-limited": Code(
         NOTE,
         "Under the estimated torque noise even a true model cannot reproduce this free run, as across a backlash "
         "gap. The simulation fit is within what simulations with other noise reach.",
         "Judge the model by its residual, or by shorter free runs: `--segment 1`."),
-    "one-step-errors-hum": Code(
+    "held-out-own-values": Code(
+        NOTE,
+        "A diagnosis by the required torque used held-out records that have a parameter of their own (--record "
+        "FILE free=NAME). That parameter was fitted to them, with all other values held.",
+        "Read the gain as that of a drive whose named parameter is known for each record."),
+    "limit-missed": Code(
+        FAILURE,
+        "The validation misses a limit: the fit of the simulated output is below `--min-fit`, or the "
+        "cross-correlation of residual and torque exceeds `--max-correlation`. The latter says that the model "
+        "lacks something that depends on the input, unless the record is so short that chance explains it.",
+        "Look at the pictures of `--plot`, then run `diagnose`, or record longer."),
+    "narrow-band-disturbance": Code(
         NOTE,
         "The one-step prediction errors hold a narrow-band disturbance at a fixed frequency, whatever the speed: "
         "mains, a fan, or a structural resonance that the model lacks.",
         "Look for it in a record at standstill, with the power stage on and off."),
+    "not-held-out": Code(
+        WARNING,
+        "The record was used for the fit of the model. It is no validation, and a gain stated on it is biased.",
+        "Validate on a recording that no fit has used."),
     "outliers": Code(
         WARNING,
         "Single samples of a sensor lie far from their neighbours or from what the model predicts. They are left "
         "out.",
         "Check the cable and the connector of the sensor."),
-    "outside-the-fitted-range": Code(
-        WARNING,
-        "The torque or speed of the validation record exceeds the range of the fitted records by more than a "
-        "tenth. The model extrapolates there.",
-        "Fit on a recording with this range too, if the machine works there."),
     "parameters-change": Code(
         WARNING,
-        "The first half of the records asks for other parameter values than the second. The drive changes with "
-        "temperature or wear, or a law is missing that the halves excite differently.",
-        "Fit the halves by themselves to see which parameter changes; record after warming up."),
+        "One part of the data has other parameter values than another: the second half of the records, or a "
+        "held-out record against those of the fit. The log likelihood rises clearly when the stated parameters "
+        "change, by more than their uncertainty explains. The drive changes with temperature or wear, or a law is "
+        "missing that the parts excite differently.",
+        "Fit the parts by themselves to see which parameter changes; record after warming up, and hold out a "
+        "record that was made under the same conditions."),
     "quantisation": Code(
         NOTE,
         "The steps in which a sensor is logged make up at least a tenth of its noise variance. In slow motion "
@@ -114,35 +100,16 @@ CODES = {
         "One model has the least simulation error with a fitted start state, another one from the measured start "
         "state. A fitted start state can compensate for errors of a model.",
         "Compare shorter free runs with `--segment`, or state a known start with `--start`."),
-    "record-was-used-for-the-fit": Code(
-        WARNING,
-        "The record was used for the fit of the model. This is no validation.",
-        "Validate on a recording that the fit has not used."),
     "residual-depends-on-input": Code(
         WARNING,
         "The residual of the simulation depends on the torque, at a family-wise significance of 1 %. The model "
         "lacks an effect, or a parameter is biased.",
         "Run `diagnose`."),
-    "residual-not-testable": Code(
-        NOTE,
-        "Whether the residual depends on the torque cannot be tested: the torque is constant, or the record is "
-        "too short.",
-        "Record while the torque changes."),
-    "run-down-not-explained": Code(
-        WARNING,
-        "The simulated angle of a run-down errs by more than the counts of its encoder and the uncertainty of the "
-        "model explain. This drive runs down otherwise: its friction has changed, or follows another law.",
-        "Fit this record too with `steady --method coast-down`, alone and together with the first."),
     "shaft-torque-unchecked": Code(
         NOTE,
         "Sign and scale of the shaft torque sensor could not be checked: the fit to the motor alone does not "
         "determine the torque in the shaft.",
         "Record torque steps that excite the resonance."),
-    "simulated-by-ratios": Code(
-        NOTE,
-        "The file of a coast-down has ratios to the inertia alone. It is simulated with an inertia of one, on "
-        "which no run-down depends. The figures do not judge an inertia.",
-        "For a record under torque fit a coast-down with a known scale."),
     "simulation-drifts": Code(
         WARNING,
         "The error of a simulated speed is mostly a ramp, steeper than the noise explains. An idle torque or a "

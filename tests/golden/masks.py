@@ -94,7 +94,7 @@ class Masks:
 
 @cache
 def _pattern(old: str) -> tuple[re.Pattern[str], str]:
-    """(what finds a text in any layout, with groups for its variable parts; its longest word, which must be there)."""
+    """(what finds a text in any layout, with groups for its variable parts; its longest word)."""
     words = old.split()
     literal = max((word for word in words if not VARIABLE.search(word)), key=len, default="")
     return re.compile(f"{LEFT}{SPACE.join(map(_word, words))}{RIGHT}"), literal
